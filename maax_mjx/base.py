@@ -1,0 +1,275 @@
+"""`Base`: modules composed into an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from zlib import crc32
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.capacity import check_room, contact_capacity
+from maax_mjx.checks import check_count, check_key, check_positive, is_traced
+from maax_mjx.env import Environment
+from maax_mjx.layout import Grid, Layout, RoomPlan
+from maax_mjx.modules import Agents, Entities, Module
+from maax_mjx.params import DomainParams, Parameter, check_params, default_params, params_in_bounds
+from maax_mjx.physics import Data, Engine, World, check_impl, contain, find_fault, make_engine, model_fields
+from maax_mjx.spaces import check_action, space_of
+from maax_mjx.state import State
+from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
+
+LAYOUT_TRIES = 8
+
+
+class Base(Environment):
+    """An environment made of modules, without game mechanics: agents move, rewards are zero.
+
+    Add modules in the order in which they draw (walls first), then reset. The model is built once, at the largest
+    number of everything; every reset draws a new layout on the device.
+
+    Args:
+        n_agents: how many agents its `Agents` module has.
+        n_frames: physics steps per env step.
+        grid_size: cells per side of the placement grid.
+        floor_size: edge of the floor in metres.
+        horizon: env steps until an episode is truncated.
+        impl: "jax", "c", or "auto", which is `c` on a bare CPU and `jax` on accelerators.
+        world_params: time step, gravity and solver iterations.
+
+    Raises:
+        ValueError: an argument out of its range; the message names it.
+    """
+
+    def __init__(
+        self,
+        n_agents: int,
+        n_frames: int = 1,
+        grid_size: int = 30,
+        floor_size: float = 6.0,
+        horizon: int = 1000,
+        impl: str = "auto",
+        world_params: WorldParams | None = None,
+    ):
+        self.n_agents = check_count("n_agents", n_agents, minimum=1)
+        self.n_frames = check_count("n_frames", n_frames, minimum=1)
+        self.grid_size = check_count("grid_size", grid_size, minimum=8)
+        self.floor_size = check_positive("floor_size", floor_size)
+        self.horizon = check_count("horizon", horizon, minimum=1)
+        self.impl = check_impl(impl)
+        self.world_params = world_params or WorldParams()
+        self._modules: dict[str, Module] = {}
+
+    # --- composition -------------------------------------------------------------------------------------------
+
+    def add_module(self, module: Module) -> None:
+        """Adds a module; those added first draw first.
+
+        Raises:
+            ValueError: a module that does not fit the environment or what was added before it.
+            RuntimeError: the environment was built already.
+        """
+        if "spec" in self.__dict__:
+            raise RuntimeError("add_module: the environment is built already; add all modules before its first use")
+        if not isinstance(module, Module):
+            raise ValueError(f"module: got {module!r}; takes a Module")
+        if module.name in self._modules:
+            raise ValueError(f"module: got a second {module.name!r}; takes one of each, by name")
+        if getattr(module, "_owner", self) is not self:
+            raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
+        if isinstance(module, Agents) and module.n_max != self.n_agents:
+            raise ValueError(
+                f"n_agents: Base got {self.n_agents}, Agents got {module.n_max}; both take the same number"
+            )
+        if module.requires_quadrant and not any(m.provides_quadrant for m in self._modules.values()):
+            raise ValueError(
+                f"placement_fn: {type(module).__name__} places by the quadrant and there is none; "
+                'add WallScenarios(scenario="quad") before it'
+            )
+        module.check(self.grid_size, self.floor_size)
+        check_room([*self._modules.values(), module], self.grid_size, self.floor_size)
+        module._owner = self  # type: ignore[attr-defined]
+        self._modules[module.name] = module
+
+    @property
+    def modules(self) -> Mapping[str, Module]:
+        """The modules by name."""
+        return self._modules
+
+    @property
+    def agents(self) -> Agents:
+        """The agents' module.
+
+        Raises:
+            RuntimeError: there is none.
+        """
+        agents = self._modules.get(Agents.name)
+        if not isinstance(agents, Agents):
+            raise RuntimeError(f"Base: got no agents; add_module(Agents({self.n_agents}, ...)) before its first use")
+        return agents
+
+    # --- host: built once, at first use ------------------------------------------------------------------------
+
+    @cached_property
+    def spec(self) -> mujoco.MjSpec:
+        """The MuJoCo spec, the largest number of everything in it."""
+        _ = self.agents
+        builder = WorldBuilder(self.world_params)
+        floor = Floor(self.floor_size)
+        builder.append(floor)
+        for module in self._modules.values():
+            module.build_step(floor, self.grid_size)
+        spec = builder.to_spec()
+        # What can be absent floats where it is parked; the overlay gives it its weight when it is in play.
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
+        capacity = contact_capacity(self._modules.values())
+        spec.add_numeric(name="max_contact_points", data=[capacity], size=1)
+        return spec
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The compiled MuJoCo model."""
+        model = self.spec.compile()
+        for module in self._modules.values():
+            module.cache_step(model)
+        return model
+
+    @cached_property
+    def engine(self) -> Engine:
+        """The physics engine. Made at first use, because it needs a JAX backend."""
+        return make_engine(self.impl, self.model)
+
+    @cached_property
+    def parameters(self) -> dict[str, Parameter]:
+        """What can be randomised, by name, with defaults and bounds."""
+        return {p.name: p for module in self._modules.values() for p in module.parameters}
+
+    @property
+    def base(self) -> Base:
+        return self
+
+    @property
+    def default_params(self) -> DomainParams:
+        return default_params(self.parameters)
+
+    @cached_property
+    def action_space(self) -> spaces.Dict:
+        return spaces.Dict({"move": spaces.Box(-1.0, 1.0, (self.n_agents, 3), np.float32)})
+
+    @cached_property
+    def observation_space(self) -> spaces.Dict:
+        state = jax.eval_shape(self.reset, jax.random.key(0))
+        return space_of(state.obs)
+
+    def check_params(self, params: DomainParams) -> None:
+        """Refuses params outside the bounds that the environment was built with.
+
+        Raises:
+            ValueError: naming the parameter, its value and its bound.
+        """
+        check_params(params, self.parameters)
+
+    # --- device ------------------------------------------------------------------------------------------------
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        check_key("key", key)
+        params = self.default_params if params is None else params
+        self.check_params(params)
+        params = jax.tree.map(jnp.asarray, params)
+        layout_key, state_key = jax.random.split(key)
+        layout = self._draw_layout(layout_key, params)
+        world = World(fields=layout.fields, active=layout.active, plan=layout.plan, valid=layout.valid)
+        data = self.engine.init(world, layout.qpos)
+        no = jnp.zeros((), bool)
+        return State(
+            data=data,
+            world=world,
+            params=params,
+            obs=self._observe(world, data),
+            reward=jnp.zeros(self.n_agents),
+            terminated=no,
+            truncated=no,
+            step=jnp.zeros((), jnp.int32),
+            key=state_key,
+            metrics={"physics_fault": no, "layout_invalid": ~world.valid, "contact_overflow": no},
+            mechanics={},
+        )
+
+    def step(self, state: State, action: dict[str, jax.Array]) -> State:
+        """Moves the agents.
+
+        `action["move"]` (n_agents, 3) is the share of full force along the world's x and y and of full torque about
+        z. MuJoCo clamps controls to [-1, 1]. Under jit, where values cannot be looked at, NaN is a physics fault.
+        """
+        check_action(self.action_space, action)
+        move = jnp.asarray(action["move"], jnp.float32)
+        ctrl = state.data.ctrl.at[self.agents.ctrl_ids.reshape(-1)].set(move.reshape(-1))
+        before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
+        after, overflow = self.engine.step(state.world, before, self.n_frames)
+        fault = self._fault(state.world, after) | jnp.isnan(ctrl).any()
+        data = contain(fault, before, after)
+        step = state.step + 1
+        return state.replace(
+            data=data,
+            obs=self._observe(state.world, data),
+            reward=jnp.zeros_like(state.reward),
+            terminated=jnp.zeros((), bool),
+            truncated=fault | (step >= self.horizon),
+            step=step,
+            metrics={
+                "physics_fault": fault,
+                "layout_invalid": ~state.world.valid,
+                "contact_overflow": overflow & ~fault,
+            },
+        )
+
+    def _draw_layout(self, key: jax.Array, params: DomainParams) -> Layout:
+        """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
+        _ = self.model  # the modules' ids
+        in_bounds = params_in_bounds(params, self.parameters) if is_traced(params) else jnp.ones((), bool)
+
+        def draw(attempt: jax.Array) -> Layout:
+            layout = self._empty_layout(attempt)
+            for name, module in self._modules.items():
+                module_key = jax.random.fold_in(key, np.uint32(crc32(name.encode())))
+                layout = module.layout_step(module_key, layout, params)
+            return layout
+
+        def again(carry: tuple[jax.Array, Layout]) -> jax.Array:
+            attempt, layout = carry
+            return (attempt == 0) | (~layout.valid & (attempt < LAYOUT_TRIES))
+
+        first = jnp.zeros((), jnp.int32)
+        nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(draw, first))
+        _, layout = jax.lax.while_loop(again, lambda c: (c[0] + 1, draw(c[0])), (first, nothing))
+        return layout.replace(valid=layout.valid & in_bounds)
+
+    def _empty_layout(self, attempt: jax.Array) -> Layout:
+        overlay = {name for module in self._modules.values() for name in module.overlay}
+        return Layout(
+            grid=Grid.create(self.grid_size, self.floor_size),
+            plan=RoomPlan.empty(),
+            qpos=jnp.asarray(self.model.qpos0, jnp.float32),
+            fields={k: jnp.asarray(v) for k, v in model_fields(self.model, tuple(sorted(overlay))).items()},
+            active={},
+            valid=jnp.ones((), bool),
+            attempt=attempt,
+        )
+
+    def _observe(self, world: World, data: Data) -> dict[str, jax.Array]:
+        obs: dict[str, jax.Array] = {}
+        for module in self._modules.values():
+            obs |= module.observation_step(world, data)
+        return obs
+
+    def _fault(self, world: World, data: Data) -> jax.Array:
+        entities = [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max]
+        bodies = np.concatenate([m.body_ids for m in entities])
+        active = jnp.concatenate([world.active[m.kind] for m in entities])
+        agents = self.agents
+        return find_fault(data, self.floor_size, bodies, active, agents.body_ids, world.active[agents.kind])

@@ -1,0 +1,43 @@
+"""How much fits: objects on the floor, contacts in the engines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import ceil
+
+from maax_mjx.layout.grid import CELL_EPS
+from maax_mjx.modules import Module
+
+JAMMING = 0.56
+"""Share of an area that equal squares, placed at random one after the other, fill before none fits (Feder 1980)."""
+
+MIN_CONTACTS = 16
+
+
+def contact_capacity(modules: Iterable[Module]) -> int:
+    """Contact points per world that MJX's solver is given: the deepest ones are kept."""
+    return max(MIN_CONTACTS, sum(module.contact_points for module in modules))
+
+
+def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> None:
+    """Refuses more objects than the floor can hold when they are placed at random.
+
+    Raises:
+        ValueError: with the free cells, the largest footprint and how many objects of it fit.
+    """
+    cell = floor_size / grid_size
+    footprints = [
+        (m, [ceil(e - CELL_EPS) for e in (x / cell, y / cell)]) for m in modules for x, y in m.extents
+    ]
+    if not footprints:
+        return
+    module, (width, height) = max(footprints, key=lambda f: f[1][0] * f[1][1])
+    free = grid_size**2 - sum(m.wall_cells(grid_size) for m in modules)
+    room = int(JAMMING * free / (width * height))
+    if max(width, height) > grid_size or len(footprints) > room:
+        counts = ", ".join(f"{len(m.extents)} {m.name}" for m in modules if m.extents)
+        raise ValueError(
+            f"{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "
+            f"cells over a largest footprint of {width} x {height} cells, of which random placement fills "
+            f"{JAMMING:.0%}"
+        )

@@ -1,0 +1,62 @@
+"""What every environment is: `Base`, and whatever wraps it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import jax
+from gymnasium import spaces
+
+from maax_mjx.params import DomainParams
+from maax_mjx.spaces import sample
+from maax_mjx.state import State
+
+if TYPE_CHECKING:
+    from maax_mjx.base import Base
+
+
+class Environment(ABC):
+    """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely."""
+
+    @property
+    @abstractmethod
+    def base(self) -> Base:
+        """The environment under all wrappers, which owns the model, the modules and the engine."""
+
+    @property
+    @abstractmethod
+    def action_space(self) -> spaces.Dict:
+        """The space of one world's action."""
+
+    @property
+    @abstractmethod
+    def observation_space(self) -> spaces.Dict:
+        """The space of one world's observations."""
+
+    @abstractmethod
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        """Draws a world and puts it at rest.
+
+        Args:
+            key: a typed key; it determines the world.
+            params: ranges to draw from; None is `default_params`.
+        """
+
+    @abstractmethod
+    def step(self, state: State, action: Any) -> State:
+        """Advances a world by one env step, `n_frames` physics steps.
+
+        Args:
+            state: from `reset` or `step`.
+            action: in `action_space`.
+        """
+
+    @property
+    def default_params(self) -> DomainParams:
+        """The ranges that the environment was constructed with."""
+        return self.base.default_params
+
+    def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
+        """A uniform random action; traceable."""
+        return sample(self.action_space, key)

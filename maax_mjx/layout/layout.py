@@ -1,0 +1,81 @@
+"""A world's layout while modules draw it, and how an object finds its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from maax_mjx.layout.grid import Grid
+from maax_mjx.layout.plan import RoomPlan
+
+PlacementFn = Callable[["Layout", jax.Array], jax.Array]
+"""`(layout, cells) -> weights`: the layout so far and an object's footprint (2,) in cells to non-negative weights
+(G, G) over the cells where its lower-left corner could go. Cells where it would not fit are ruled out afterwards."""
+
+
+class Layout(struct.PyTreeNode):
+    """What is drawn so far of one world.
+
+    Attributes:
+        grid: the cells that are taken.
+        plan: the room plan.
+        qpos: (nq,) initial configuration; an entity that is not placed keeps its parking pose.
+        fields: model fields in which worlds differ, by MuJoCo's name.
+        active: by entity kind, (n_max,) bool.
+        valid: () bool, whether every wanted object found a place.
+        attempt: () int32, which redraw this is. Places depend on it, counts do not.
+    """
+
+    grid: Grid
+    plan: RoomPlan
+    qpos: jax.Array
+    fields: dict[str, jax.Array]
+    active: dict[str, jax.Array]
+    valid: jax.Array
+    attempt: jax.Array
+
+    def place(
+        self, key: jax.Array, extent: jax.Array, placement_fn: PlacementFn, wanted: jax.Array | bool = True
+    ) -> tuple[Layout, jax.Array, jax.Array]:
+        """Finds a place for one object and marks its cells.
+
+        There is a place whenever a cell of positive weight is free: no tries are counted. The draw hashes the
+        object's own key with each cell, so that another object changes this one's place only by taking its cell.
+
+        Args:
+            key: this object's key.
+            extent: (2,) its extents along x and y in metres.
+            placement_fn: where it may go.
+            wanted: whether this world has the object at all.
+
+        Returns:
+            The layout, the object's centre (2,) in metres, and whether it was placed.
+        """
+        grid, g = self.grid, self.grid.size
+        cells = grid.footprint(extent)
+        weights = jnp.where(grid.free(cells), placement_fn(self, cells), 0.0)
+        seeds = jax.random.bits(jax.random.fold_in(key, self.attempt), (3,), jnp.uint32)
+        # -log(u) / w is exponential with rate w: the smallest of them picks a cell with probability w / sum(w).
+        u = _uniform(seeds[0], jnp.arange(g * g, dtype=jnp.uint32).reshape(g, g))
+        score = jnp.where(weights > 0, -jnp.log(u) / jnp.maximum(weights, 1e-30), jnp.inf)
+        best = jnp.argmin(score)
+        found = score.reshape(-1)[best] < jnp.inf
+        corner = jnp.stack([best // g, best % g]).astype(jnp.int32)
+        jitter = (seeds[1:] >> 8).astype(jnp.float32) / 2**24
+        slack = jnp.maximum(cells * grid.cell - extent, 0.0)
+        centre = corner * grid.cell + jitter * slack + extent / 2
+        placed = found & wanted
+        layout = self.replace(grid=grid.mark(corner, cells, placed), valid=self.valid & (found | ~jnp.asarray(wanted)))
+        return layout, centre, placed
+
+
+def _uniform(seed: jax.Array, index: jax.Array) -> jax.Array:
+    """A number in (0, 1) for every index: an integer hash (two rounds of xor-shift and multiply) of seed and index."""
+    x = (index * jnp.uint32(0x9E3779B9)) ^ seed
+    x = (x ^ (x >> 16)) * jnp.uint32(0x7FEB352D)
+    x = (x ^ (x >> 15)) * jnp.uint32(0x846CA68B)
+    x = x ^ (x >> 16)
+    return ((x >> 8).astype(jnp.float32) + 0.5) / 2**24

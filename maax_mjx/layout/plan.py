@@ -1,0 +1,39 @@
+"""What the walls of one world look like, for placement, observations and pictures."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+
+class RoomPlan(struct.PyTreeNode):
+    """The room plan of one world. Absent walls and doors are masked and zero.
+
+    Attributes:
+        walls: (n_walls, 4) x0, y0, x1, y1 of every wall's footprint in metres.
+        wall_heights: (n_walls,) metres.
+        wall_mask: (n_walls,) bool.
+        doors: (n_doors, 3) x, y of the opening's middle and its width, in metres.
+        door_mask: (n_doors,) bool.
+        quadrant: (4,) int32, the cells inside the quadrant: x0, y0, x1, y1 (exclusive); zeros without one.
+    """
+
+    walls: jax.Array
+    wall_heights: jax.Array
+    wall_mask: jax.Array
+    doors: jax.Array
+    door_mask: jax.Array
+    quadrant: jax.Array
+
+    @classmethod
+    def empty(cls) -> RoomPlan:
+        """The plan of an open floor."""
+        return cls(
+            walls=jnp.zeros((0, 4)),
+            wall_heights=jnp.zeros(0),
+            wall_mask=jnp.zeros(0, bool),
+            doors=jnp.zeros((0, 3)),
+            door_mask=jnp.zeros(0, bool),
+            quadrant=jnp.zeros(4, jnp.int32),
+        )

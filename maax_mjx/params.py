@@ -1,0 +1,122 @@
+"""Domain randomisation parameters as data (thesis 3.2.2, Appendix A)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.checks import check_choice, is_traced
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What a module declares about one of its parameters.
+
+    Attributes:
+        name: unique within an environment, such as "n_boxes".
+        default: (low, high), the range drawn from unless the params say otherwise.
+        bound: (low, high), the values that the compiled model can hold.
+    """
+
+    name: str
+    default: tuple[int, int]
+    bound: tuple[int, int]
+
+
+@jax.tree_util.register_pytree_with_keys_class
+class DomainParams(Mapping[str, jax.Array]):
+    """A (low, high) range, both included, for every parameter of an environment: a pytree that `reset` takes.
+
+    Ranges are data: moving them never recompiles, and a batch may hold a different one for every world (leaves of
+    shape (n_worlds, 2)).
+
+    Example:
+        params = env.default_params.replace(n_boxes=(2, 4))
+        state = env.reset(key, params)
+    """
+
+    def __init__(self, ranges: Mapping[str, Any]):
+        self._ranges = dict(ranges)
+
+    def replace(self, **ranges: Any) -> DomainParams:
+        """The params with some ranges changed; a single number is a range of one value.
+
+        Raises:
+            ValueError: an unknown name.
+        """
+        new = dict(self._ranges)
+        for name, value in ranges.items():
+            check_choice("DomainParams.replace", name, new)
+            array = jnp.asarray(value, jnp.asarray(new[name]).dtype)
+            new[name] = jnp.stack([array, array]) if array.ndim == 0 else array
+        return DomainParams(new)
+
+    def __getitem__(self, name: str) -> jax.Array:
+        return self._ranges[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._ranges)
+
+    def __len__(self) -> int:
+        return len(self._ranges)
+
+    def __repr__(self) -> str:
+        return f"DomainParams({', '.join(f'{k}={v}' for k, v in self._ranges.items())})"
+
+    def tree_flatten_with_keys(self) -> tuple[tuple, tuple[str, ...]]:
+        names = tuple(sorted(self._ranges))
+        return tuple((jax.tree_util.DictKey(n), self._ranges[n]) for n in names), names
+
+    @classmethod
+    def tree_unflatten(cls, names: tuple[str, ...], leaves: tuple) -> DomainParams:
+        return cls(dict(zip(names, leaves, strict=True)))
+
+    def draw_count(self, key: jax.Array, name: str) -> jax.Array:
+        """A whole number, uniform over the parameter's range: () int32."""
+        low, high = self._ranges[name]
+        return jax.random.randint(key, (), low, high + 1)
+
+
+def default_params(parameters: Mapping[str, Parameter]) -> DomainParams:
+    """The default range of every declared parameter."""
+    return DomainParams({name: jnp.array(p.default, jnp.int32) for name, p in parameters.items()})
+
+
+def params_in_bounds(params: DomainParams, parameters: Mapping[str, Parameter]) -> jax.Array:
+    """() bool: whether every range lies in its bound and is not reversed. Traceable."""
+    ok = [
+        (p.bound[0] <= params[name][0]) & (params[name][0] <= params[name][1]) & (params[name][1] <= p.bound[1])
+        for name, p in parameters.items()
+    ]
+    return jnp.all(jnp.stack([jnp.asarray(v) for v in ok])) if ok else jnp.ones((), bool)
+
+
+def check_params(params: DomainParams, parameters: Mapping[str, Parameter]) -> None:
+    """Refuses params that do not belong to these parameters, or that leave their bounds.
+
+    Values are looked at only outside traced code.
+
+    Raises:
+        ValueError: naming the parameter, its value and its bound.
+    """
+    if not isinstance(params, DomainParams):
+        raise ValueError(f"params: got {type(params).__name__}; takes env.default_params, changed with .replace(...)")
+    if set(params) != set(parameters):
+        raise ValueError(f"params: got ranges for {sorted(params)}; takes exactly {sorted(parameters)}")
+    for name, p in parameters.items():
+        if jnp.shape(params[name])[-1:] != (2,):
+            raise ValueError(f"params: {name} has shape {jnp.shape(params[name])}; takes (2,) or (n_worlds, 2)")
+        if is_traced(params[name]):
+            continue
+        value = np.asarray(params[name])
+        low, high = value[..., 0].min(), value[..., 1].max()
+        if (value[..., 0] > value[..., 1]).any() or low < p.bound[0] or high > p.bound[1]:
+            raise ValueError(
+                f"params: {name} is ({low}, {high}); takes (low, high) with "
+                f"{p.bound[0]} <= low <= high <= {p.bound[1]}, the maximum the environment was built with"
+            )

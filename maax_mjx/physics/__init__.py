@@ -1,0 +1,21 @@
+"""The engines behind one interface: the overlay of a world's fields on the model, stepping, capacities."""
+
+from maax_mjx.physics.data import Data
+from maax_mjx.physics.engine import Engine
+from maax_mjx.physics.faults import contain, find_fault
+from maax_mjx.physics.select import IMPLS, check_impl, make_engine
+from maax_mjx.physics.world import BOX_FIELDS, World, model_fields, set_boxes
+
+__all__ = [
+    "BOX_FIELDS",
+    "IMPLS",
+    "Data",
+    "Engine",
+    "World",
+    "check_impl",
+    "contain",
+    "find_fault",
+    "make_engine",
+    "model_fields",
+    "set_boxes",
+]

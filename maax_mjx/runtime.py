@@ -1,0 +1,19 @@
+"""Settings of the JAX runtime that have to be made before its first use."""
+
+from __future__ import annotations
+
+import os
+
+FEW_CORES = 3
+XLA_CPU_THREADS = "4"
+
+
+def guard_small_hosts() -> None:
+    """Gives XLA's CPU client more than two threads on a host of few cores.
+
+    With exactly two, jaxlib 0.10 hangs for ever in large vmapped programs (seen in `jax.vmap(mjx.step)` of 64 worlds:
+    every pool thread idle, the executable waiting). XLA reads NPROC when its client starts; a value that the user
+    set stays.
+    """
+    if (os.cpu_count() or 1) <= FEW_CORES:
+        os.environ.setdefault("NPROC", XLA_CPU_THREADS)

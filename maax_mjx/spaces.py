@@ -1,0 +1,59 @@
+"""Gymnasium spaces from and for JAX arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.checks import is_traced
+
+
+def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
+    """The space of a dict of arrays or shapes: bool is MultiBinary, everything else an unbounded Box."""
+
+    def one(x: Any) -> spaces.Space:
+        if x.dtype == bool:
+            return spaces.MultiBinary(x.shape)
+        return spaces.Box(-np.inf, np.inf, x.shape, np.dtype(x.dtype))
+
+    return spaces.Dict({name: one(x) for name, x in sorted(tree.items())})
+
+
+def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
+    """A uniform sample of a dict of bounded boxes and binaries, under jit too."""
+    out = {}
+    for k, (name, sub) in zip(jax.random.split(key, len(space.spaces)), space.spaces.items(), strict=True):
+        if isinstance(sub, spaces.Box):
+            out[name] = jax.random.uniform(k, sub.shape, jnp.float32, sub.low, sub.high)
+        elif isinstance(sub, spaces.MultiBinary):
+            out[name] = jax.random.bernoulli(k, shape=sub.shape).astype(jnp.int8)
+        else:
+            raise NotImplementedError(f"sampling from {type(sub).__name__}")
+    return out
+
+
+def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) -> None:
+    """Refuses an action of other names or shapes than the space's and, outside traced code, one with NaN.
+
+    Args:
+        space: the action space of one world.
+        action: the action, with leading axes `lead`.
+
+    Raises:
+        ValueError: naming the part of the action that is wrong.
+    """
+    if not isinstance(action, Mapping):
+        raise ValueError(f"action: got {type(action).__name__}; takes a dict with {sorted(space.spaces)}")
+    if set(action) != set(space.spaces):
+        raise ValueError(f"action: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
+    for name, sub in space.spaces.items():
+        want = (*lead, *(sub.shape or ()))
+        if jnp.shape(action[name]) != want:
+            raise ValueError(f"action: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
+        if not is_traced(action[name]) and np.isnan(np.asarray(action[name])).any():
+            raise ValueError(f"action: {name!r} holds NaN; takes numbers in [-1, 1]")

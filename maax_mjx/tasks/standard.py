@@ -1,0 +1,54 @@
+"""The standard environment M of the thesis (section 6.3, formula 6.1)."""
+
+from __future__ import annotations
+
+from maax_mjx.base import Base
+from maax_mjx.checks import check_count
+from maax_mjx.layout import outside_quad_placement, quad_placement, uniform_placement
+from maax_mjx.modules import Agents, Boxes, Ramps, WallScenarios
+from maax_mjx.worldgen import WorldParams
+
+HIDER, SEEKER = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
+
+
+def standard(
+    scenario: str = "quad",
+    n_hiders: int = 2,
+    n_seekers: int = 2,
+    n_boxes: int | tuple[int, int] = 1,
+    n_ramps: int | tuple[int, int] = 1,
+    door_size: int = 2,
+    n_frames: int = 1,
+    grid_size: int = 30,
+    floor_size: float = 6.0,
+    horizon: int = 1000,
+    impl: str = "auto",
+    world_params: WorldParams | None = None,
+) -> Base:
+    """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp.
+
+    Hiders come first among the agents. In the quadrant scenario they start inside it and seekers outside;
+    everything else starts anywhere.
+
+    Args:
+        scenario: the room scenario; see `WallScenarios`.
+        n_hiders, n_seekers: agents of each team.
+        n_boxes, n_ramps: per world, or (low, high).
+        door_size: in cells.
+        n_frames, grid_size, floor_size, horizon, impl, world_params: see `Base`.
+    """
+    n_hiders, n_seekers = check_count("n_hiders", n_hiders), check_count("n_seekers", n_seekers)
+    if n_hiders + n_seekers == 0:
+        raise ValueError("n_hiders, n_seekers: got 0 and 0; takes at least one agent in all")
+    n_agents = n_hiders + n_seekers
+    env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params)
+    inside, outside = uniform_placement, uniform_placement
+    if scenario == "quad":
+        inside, outside = quad_placement, outside_quad_placement
+    env.add_module(WallScenarios(scenario, door_size))
+    env.add_module(
+        Agents(n_agents, [inside] * n_hiders + [outside] * n_seekers, [HIDER] * n_hiders + [SEEKER] * n_seekers)
+    )
+    env.add_module(Boxes(n_boxes))
+    env.add_module(Ramps(n_ramps))
+    return env

@@ -1,0 +1,140 @@
+"""Primitive objects: boxes, spheres, cylinders, and the wedge that ramps are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from maax_mjx.worldgen.joints import add_body
+from maax_mjx.worldgen.obj import Obj, Placement
+
+TYPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+}
+
+
+class Geom(Obj):
+    """A primitive body.
+
+    Args:
+        geom_type: "box", "sphere" or "cylinder".
+        min_size: full extents in metres: (x, y, z) of a box, (diameter,) of a sphere, (diameter, height) of a
+            cylinder.
+        max_size: upper extents; each is then drawn uniformly between the two.
+        name: body and geom name.
+        mass: in kg.
+        friction: sliding friction; None keeps MuJoCo's default of 1.
+        damping: of the joints (N s/m, Nm s/rad).
+        free: a free joint instead of slides x, y, z and a yaw hinge.
+        rgba: colour.
+
+    Raises:
+        ValueError: an unknown type, a wrong number of extents, or an extent that is not positive.
+    """
+
+    def __init__(
+        self,
+        geom_type: str,
+        min_size: Sequence[float],
+        max_size: Sequence[float] | None = None,
+        name: str | None = None,
+        *,
+        mass: float = 1.0,
+        friction: float | None = None,
+        damping: float = 0.01,
+        free: bool = False,
+        rgba: Sequence[float] = (0.5, 0.5, 0.5, 1.0),
+    ):
+        super().__init__(name)
+        if geom_type not in TYPES:
+            raise ValueError(f"geom_type: got {geom_type!r}; takes one of {sorted(TYPES)}")
+        n_extents = {"box": 3, "sphere": 1, "cylinder": 2}[geom_type]
+        low, high = np.asarray(min_size, float), np.asarray(min_size if max_size is None else max_size, float)
+        if low.shape != (n_extents,) or high.shape != (n_extents,) or (low <= 0).any() or (high < low).any():
+            raise ValueError(
+                f"min_size, max_size: got {min_size}, {max_size}; a {geom_type} takes {n_extents} positive extents "
+                "in metres, min_size <= max_size"
+            )
+        self.kind = geom_type
+        self.low, self.high = low, high
+        self.mass, self.friction, self.damping, self.free, self.rgba = mass, friction, damping, free, rgba
+
+    def _draw_size(self, rng: np.random.Generator) -> None:
+        extents = rng.uniform(self.low, self.high)
+        self.size = {
+            "box": lambda e: e,
+            "sphere": lambda e: np.repeat(e, 3),
+            "cylinder": lambda e: np.array([e[0], e[0], e[1]]),
+        }[self.kind](extents)
+        top = Placement(np.array([0.0, 0.0, self.size[2]]), np.array([*self.size[:2], np.inf]))
+        self.placements = {"top": top}
+
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
+        assert self.name is not None
+        half = self.size / 2
+        size = {"box": half, "sphere": [half[0], 0, 0], "cylinder": [half[0], half[2], 0]}[self.kind]
+        fields = dict(name=self.name, type=TYPES[self.kind], size=size, rgba=self.rgba)
+        return write_geom(self, spec, parent, fields)
+
+
+class Wedge(Obj):
+    """A ramp: a triangular prism that rises at 45 degrees towards its -y edge.
+
+    Args:
+        extent: edge length in metres, the same along x, y and z.
+        name, mass, friction, damping, free, rgba: as for `Geom`.
+    """
+
+    kind = "wedge"
+
+    def __init__(
+        self,
+        extent: float = 0.5,
+        name: str | None = None,
+        *,
+        mass: float = 1.0,
+        friction: float | None = None,
+        damping: float = 0.1,
+        free: bool = False,
+        rgba: Sequence[float] = (0.9, 0.8, 0.3, 1.0),
+    ):
+        super().__init__(name)
+        if extent <= 0:
+            raise ValueError(f"extent: got {extent}; takes a positive length in metres")
+        self.extent, self.mass, self.friction = extent, mass, friction
+        self.damping, self.free, self.rgba = damping, free, rgba
+
+    def _draw_size(self, rng: np.random.Generator) -> None:
+        self.size = np.full(3, self.extent)
+        self.placements = {}
+
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
+        mesh = f"wedge_{self.extent:g}"
+        if spec.mesh(mesh) is None:
+            spec.add_mesh(name=mesh, uservert=(wedge_vertices() * self.extent).ravel())
+        fields = dict(name=self.name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, rgba=self.rgba)
+        return write_geom(self, spec, parent, fields)
+
+
+def wedge_vertices() -> np.ndarray:
+    """The six corners of a unit wedge centred on its bounding box, (6, 3)."""
+    corners = [(x, y, z) for x in (-0.5, 0.5) for y, z in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5))]
+    return np.array(corners)
+
+
+def write_geom(obj: Geom | Wedge, spec: mujoco.MjSpec, parent: mujoco.MjsBody, fields: dict) -> mujoco.MjsBody:
+    """Adds the geom of a single-geom object: to the parent if the object is static, else to a body of its own."""
+    assert obj.name is not None
+    if obj.static:
+        body, fields = parent, fields | {"pos": obj.centre}
+    else:
+        body = add_body(spec, obj.name, obj.centre, free=obj.free, damping=obj.damping)
+        fields = fields | {"mass": obj.mass}
+    geom = body.add_geom(condim=3, **fields)
+    if obj.friction is not None:
+        geom.friction[0] = obj.friction
+    return body
