@@ -18,7 +18,18 @@ from maax_mjx.env import Environment
 from maax_mjx.layout import Grid, Layout, RoomPlan
 from maax_mjx.modules import Agents, Entities, Module
 from maax_mjx.params import DomainParams, Parameter, check_params, default_params, params_in_bounds
-from maax_mjx.physics import Data, Engine, World, check_impl, contain, find_fault, make_engine, model_fields
+from maax_mjx.physics import (
+    Data,
+    Engine,
+    Overlay,
+    World,
+    check_impl,
+    contain,
+    find_fault,
+    make_engine,
+    model_fields,
+    union,
+)
 from maax_mjx.spaces import check_action, space_of
 from maax_mjx.state import State
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
@@ -140,9 +151,15 @@ class Base(Environment):
         return model
 
     @cached_property
+    def overlay(self) -> Overlay:
+        """The rows of model fields in which worlds differ."""
+        _ = self.model  # gives the modules their ids
+        return union(module.overlay for module in self._modules.values())
+
+    @cached_property
     def engine(self) -> Engine:
         """The physics engine. Made at first use, because it needs a JAX backend."""
-        return make_engine(self.impl, self.model)
+        return make_engine(self.impl, self.model, self.overlay)
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
@@ -183,7 +200,8 @@ class Base(Environment):
         params = jax.tree.map(jnp.asarray, params)
         layout_key, state_key = jax.random.split(key)
         layout = self._draw_layout(layout_key, params)
-        world = World(fields=layout.fields, active=layout.active, plan=layout.plan, valid=layout.valid)
+        fields = {name: layout.fields[name][ids] for name, ids in self.overlay.items()}
+        world = World(fields=fields, active=layout.active, plan=layout.plan, valid=layout.valid)
         data = self.engine.init(world, layout.qpos)
         no = jnp.zeros((), bool)
         return State(
@@ -212,7 +230,7 @@ class Base(Environment):
         before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
         after, overflow = self.engine.step(state.world, before, self.n_frames)
         fault = self._fault(state.world, after) | jnp.isnan(ctrl).any()
-        data = contain(fault, before, after)
+        data = contain(fault, before, after.replace(engine=self.engine.renew(after.engine, fault)))
         step = state.step + 1
         return state.replace(
             data=data,
@@ -230,7 +248,6 @@ class Base(Environment):
 
     def _draw_layout(self, key: jax.Array, params: DomainParams) -> Layout:
         """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
-        _ = self.model  # the modules' ids
         in_bounds = params_in_bounds(params, self.parameters) if is_traced(params) else jnp.ones((), bool)
 
         def draw(attempt: jax.Array) -> Layout:
@@ -250,12 +267,11 @@ class Base(Environment):
         return layout.replace(valid=layout.valid & in_bounds)
 
     def _empty_layout(self, attempt: jax.Array) -> Layout:
-        overlay = {name for module in self._modules.values() for name in module.overlay}
         return Layout(
             grid=Grid.create(self.grid_size, self.floor_size),
             plan=RoomPlan.empty(),
             qpos=jnp.asarray(self.model.qpos0, jnp.float32),
-            fields={k: jnp.asarray(v) for k, v in model_fields(self.model, tuple(sorted(overlay))).items()},
+            fields=model_fields(self.model, self.overlay),
             active={},
             valid=jnp.ones((), bool),
             attempt=attempt,

@@ -37,16 +37,24 @@ class Layout(struct.PyTreeNode):
     valid: jax.Array
     attempt: jax.Array
 
+    def seeds(self, key: jax.Array, n: int) -> jax.Array:
+        """(n, 3) uint32 for `place`: each object's own, from its own key, anew at every attempt."""
+
+        def one(i: jax.Array) -> jax.Array:
+            return jax.random.bits(jax.random.fold_in(jax.random.fold_in(key, i), self.attempt), (3,), jnp.uint32)
+
+        return jax.vmap(one)(jnp.arange(n))
+
     def place(
-        self, key: jax.Array, extent: jax.Array, placement_fn: PlacementFn, wanted: jax.Array | bool = True
+        self, seed: jax.Array, extent: jax.Array, placement_fn: PlacementFn, wanted: jax.Array | bool = True
     ) -> tuple[Layout, jax.Array, jax.Array]:
         """Finds a place for one object and marks its cells.
 
         There is a place whenever a cell of positive weight is free: no tries are counted. The draw hashes the
-        object's own key with each cell, so that another object changes this one's place only by taking its cell.
+        object's own seed with each cell, so that another object changes this one's place only by taking its cell.
 
         Args:
-            key: this object's key.
+            seed: (3,) uint32, this object's; from `seeds`.
             extent: (2,) its extents along x and y in metres.
             placement_fn: where it may go.
             wanted: whether this world has the object at all.
@@ -57,14 +65,13 @@ class Layout(struct.PyTreeNode):
         grid, g = self.grid, self.grid.size
         cells = grid.footprint(extent)
         weights = jnp.where(grid.free(cells), placement_fn(self, cells), 0.0)
-        seeds = jax.random.bits(jax.random.fold_in(key, self.attempt), (3,), jnp.uint32)
         # -log(u) / w is exponential with rate w: the smallest of them picks a cell with probability w / sum(w).
-        u = _uniform(seeds[0], jnp.arange(g * g, dtype=jnp.uint32).reshape(g, g))
+        u = _uniform(seed[0], jnp.arange(g * g, dtype=jnp.uint32).reshape(g, g))
         score = jnp.where(weights > 0, -jnp.log(u) / jnp.maximum(weights, 1e-30), jnp.inf)
         best = jnp.argmin(score)
         found = score.reshape(-1)[best] < jnp.inf
         corner = jnp.stack([best // g, best % g]).astype(jnp.int32)
-        jitter = (seeds[1:] >> 8).astype(jnp.float32) / 2**24
+        jitter = (seed[1:] >> 8).astype(jnp.float32) / 2**24
         slack = jnp.maximum(cells * grid.cell - extent, 0.0)
         centre = corner * grid.cell + jitter * slack + extent / 2
         placed = found & wanted

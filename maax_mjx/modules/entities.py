@@ -13,7 +13,7 @@ from maax_mjx.checks import check_count_range, check_per_object
 from maax_mjx.layout import Layout, PlacementFn
 from maax_mjx.modules.module import Module
 from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, World
+from maax_mjx.physics import Data, Overlay, World
 from maax_mjx.worldgen import Floor, Obj
 
 CONTACTS_PER_ENTITY = 4
@@ -33,7 +33,6 @@ class Entities(Module):
 
     kind: str
     count_name: str
-    overlay = ("body_gravcomp",)
 
     def __init__(
         self,
@@ -58,6 +57,10 @@ class Entities(Module):
     @property
     def parameters(self) -> list[Parameter]:
         return [Parameter(self.count_name, self.count, (0, self.n_max))]
+
+    @property
+    def overlay(self) -> Overlay:
+        return {"body_gravcomp": self.body_ids}
 
     @property
     def contact_points(self) -> int:
@@ -86,9 +89,10 @@ class Entities(Module):
         if not self.n_max:
             return layout.replace(active=layout.active | {self.kind: jnp.zeros(0, bool)})
         wanted = jnp.arange(self.n_max) < params.draw_count(jax.random.fold_in(key, self.n_max), self.count_name)
+        seeds = layout.seeds(key, self.n_max)
         centres, placed = [], []
         for i, fn in enumerate(self.placement_fns):
-            layout, centre, ok = layout.place(jax.random.fold_in(key, i), self.extent[:2], fn, wanted[i])
+            layout, centre, ok = layout.place(seeds[i], self.extent[:2], fn, wanted[i])
             centres.append(centre)
             placed.append(ok)
         active = jnp.stack(placed)
@@ -96,7 +100,7 @@ class Entities(Module):
         position = jnp.concatenate([jnp.stack(centres), height], axis=1)
         ids = self.qpos_ids[:, :3]
         qpos = layout.qpos.at[ids].set(jnp.where(active[:, None], position, layout.qpos[ids]))
-        gravcomp = jnp.asarray(layout.fields["body_gravcomp"]).at[self.body_ids].set(jnp.where(active, 0.0, 1.0))
+        gravcomp = layout.fields["body_gravcomp"].at[self.body_ids].set(jnp.where(active, 0.0, 1.0))
         return layout.replace(
             qpos=qpos,
             fields=layout.fields | {"body_gravcomp": gravcomp},

@@ -9,7 +9,7 @@ import mujoco
 
 from maax_mjx.layout import Layout
 from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, World
+from maax_mjx.physics import Data, Overlay, World
 from maax_mjx.worldgen import Floor
 
 
@@ -18,12 +18,10 @@ class Module:
 
     Attributes:
         name: unique within an environment; it seeds the module's draws, so that modules stay independent.
-        overlay: names of the MuJoCo model fields in which this module makes worlds differ.
         provides_quadrant: whether the module's room plan has a quadrant.
     """
 
     name: ClassVar[str]
-    overlay: ClassVar[tuple[str, ...]] = ()
     provides_quadrant: bool = False
     requires_quadrant: bool = False
 
@@ -31,6 +29,11 @@ class Module:
     def parameters(self) -> list[Parameter]:
         """The randomisation parameters that this module adds to `DomainParams`."""
         return []
+
+    @property
+    def overlay(self) -> Overlay:
+        """The rows of model fields that `layout_step` sets; after `cache_step`."""
+        return {}
 
     @property
     def contact_points(self) -> int:

@@ -13,7 +13,7 @@ from maax_mjx.layout import walls as wall_layout
 from maax_mjx.layout.walls import Wall
 from maax_mjx.modules.module import Module
 from maax_mjx.params import DomainParams
-from maax_mjx.physics import BOX_FIELDS, Data, World, set_boxes
+from maax_mjx.physics import BOX_FIELDS, Data, Overlay, World, set_boxes
 from maax_mjx.worldgen import Floor, Geom
 
 OUTER_HEIGHT = 4.0
@@ -38,7 +38,6 @@ class WallScenarios(Module):
     """
 
     name = "walls"
-    overlay = BOX_FIELDS
 
     def __init__(self, scenario: str = "quad", door_size: int = 2):
         self.scenario = check_choice("scenario", scenario, N_INNER)
@@ -46,6 +45,10 @@ class WallScenarios(Module):
         self.provides_quadrant = self.scenario == "quad"
         self.n_inner = N_INNER[self.scenario]
         self.n_walls = N_OUTER + 2 * self.n_inner
+
+    @property
+    def overlay(self) -> Overlay:
+        return dict.fromkeys(BOX_FIELDS, self._geom_ids)
 
     def check(self, grid_size: int, floor_size: float) -> None:
         longest = grid_size // 2 - 1

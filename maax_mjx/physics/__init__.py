@@ -4,18 +4,21 @@ from maax_mjx.physics.data import Data
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.faults import contain, find_fault
 from maax_mjx.physics.select import IMPLS, check_impl, make_engine
-from maax_mjx.physics.world import BOX_FIELDS, World, model_fields, set_boxes
+from maax_mjx.physics.world import BOX_FIELDS, Overlay, World, model_fields, overlaid_model, set_boxes, union
 
 __all__ = [
     "BOX_FIELDS",
     "IMPLS",
     "Data",
     "Engine",
+    "Overlay",
     "World",
     "check_impl",
     "contain",
     "find_fault",
     "make_engine",
     "model_fields",
+    "overlaid_model",
     "set_boxes",
+    "union",
 ]

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import mujoco
+import numpy as np
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.mjx_model import MjxModel
-from maax_mjx.physics.world import World
+from maax_mjx.physics.world import Overlay, World
+
+
+STATE = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "xfrc_applied")
+"""The fields of `Data` that a step starts from, besides `eq_active`."""
 
 
 class Engine(ABC):
@@ -18,16 +23,27 @@ class Engine(ABC):
 
     Args:
         model: the compiled model; the engine keeps it unchanged.
+        overlay: the rows of its fields in which worlds differ.
     """
 
     impl: ClassVar[str]
 
-    def __init__(self, model: mujoco.MjModel):
-        self.mjx = MjxModel(model)
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay):
+        self.overlay = overlay
+        self.mjx = MjxModel(model, overlay)
 
     def init(self, world: World, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""
-        return self.mjx.kinematics(world, self.mjx.rest(qpos))
+        data = self.mjx.kinematics(world, self.mjx.rest(qpos))
+        return data.replace(engine=self.carry(data))
+
+    def carry(self, data: Data) -> Any:
+        """What this engine carries for a world at its beginning; see `Data.engine`."""
+        return ()
+
+    def renew(self, carried: Any, anew: jax.Array) -> Any:
+        """What the engine carries, for a world that begins `anew` () or goes on."""
+        return carried
 
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         """Advances a world by `n_frames` physics steps under constant controls and forces.
@@ -37,6 +53,10 @@ class Engine(ABC):
         """
         data, overflow = self._integrate(world, data, n_frames)
         return self.mjx.kinematics(world, data), overflow
+
+    def exact(self, data: Data) -> dict[str, np.ndarray]:
+        """The state's time, qpos, qvel, ctrl, qacc_warmstart and xfrc_applied as the engine knows them, flat. Host."""
+        return {name: np.ravel(getattr(data, name)).astype(float) for name in STATE}
 
     @abstractmethod
     def _integrate(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:

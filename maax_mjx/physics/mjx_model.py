@@ -11,7 +11,7 @@ import numpy as np
 from mujoco import mjx
 
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.world import World
+from maax_mjx.physics.world import Overlay, World
 
 
 def put_on_host(tree: Any) -> Any:
@@ -24,9 +24,11 @@ class MjxModel:
 
     Args:
         model: the compiled MuJoCo model.
+        overlay: the rows in which worlds differ.
     """
 
-    def __init__(self, model: mujoco.MjModel):
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay):
+        self._overlay = overlay
         # May be reached for the first time inside a traced function: these arrays must not become tracers.
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
@@ -36,7 +38,9 @@ class MjxModel:
     def overlay(self, world: World) -> mjx.Model:
         """The model of one world."""
         model = jax.tree.map(jnp.asarray, self._model)
-        return model.tree_replace({name: value for name, value in world.fields.items()})
+        return model.tree_replace(
+            {name: getattr(model, name).at[ids].set(world.fields[name]) for name, ids in self._overlay.items()}
+        )
 
     def data(self, data: Data) -> mjx.Data:
         """An mjx.Data that holds this state."""

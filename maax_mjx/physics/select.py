@@ -6,6 +6,7 @@ import jax
 import mujoco
 
 from maax_mjx.physics.engine import Engine
+from maax_mjx.physics.world import Overlay
 
 IMPLS = ("auto", "c", "jax")
 
@@ -23,7 +24,7 @@ def check_impl(impl: str) -> str:
     return impl
 
 
-def make_engine(impl: str, model: mujoco.MjModel) -> Engine:
+def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay) -> Engine:
     """The engine for `model`. "auto" is `c` where JAX has only a CPU, and `jax` on accelerators."""
     impl = check_impl(impl)
     if impl == "auto":
@@ -31,7 +32,7 @@ def make_engine(impl: str, model: mujoco.MjModel) -> Engine:
     if impl == "c":
         from maax_mjx.physics.c_engine import CEngine
 
-        return CEngine(model)
+        return CEngine(model, overlay)
     from maax_mjx.physics.jax_engine import JaxEngine
 
-    return JaxEngine(model)
+    return JaxEngine(model, overlay)

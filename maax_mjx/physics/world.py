@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import copy
+from collections.abc import Iterable, Mapping
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from flax import struct
 
@@ -14,12 +15,16 @@ from maax_mjx.layout import RoomPlan
 
 Fields = dict[str, jax.Array]
 
+Overlay = dict[str, np.ndarray]
+"""By model field, the (n,) indices of the rows in which worlds differ."""
+
 
 class World(struct.PyTreeNode):
     """What is particular to one world of a batch. Everything else is shared by the compiled model.
 
     Attributes:
-        fields: MuJoCo model fields in which worlds differ, whole: `geom_pos` (ngeom, 3), `body_gravcomp` (nbody,), ...
+        fields: by MuJoCo's name, the rows of model fields in which worlds differ: `geom_pos` (n_walls, 3), ... Which
+            rows they are is the environment's `overlay`.
         active: by entity kind ("agent", "box", ...), (n_max,) bool: which of the entities are in play.
         plan: the walls and doors.
         valid: () bool; False where the layout could not hold all that was drawn. What found no place is not in play.
@@ -31,9 +36,26 @@ class World(struct.PyTreeNode):
     valid: jax.Array
 
 
-def model_fields(model: Any, names: tuple[str, ...]) -> Fields:
-    """The compiled model's own values of the named fields, as NumPy arrays in float32."""
-    return {name: np.asarray(getattr(model, name), np.float32) for name in names}  # type: ignore[misc]
+def union(overlays: Iterable[Mapping[str, np.ndarray]]) -> Overlay:
+    """The rows of several overlays together, in order, each once."""
+    rows: dict[str, list[np.ndarray]] = {}
+    for overlay in overlays:
+        for name, ids in overlay.items():
+            rows.setdefault(name, []).append(np.asarray(ids, int))
+    return {name: np.unique(np.concatenate(ids)) for name, ids in sorted(rows.items())}
+
+
+def model_fields(model: mujoco.MjModel, overlay: Overlay) -> Fields:
+    """The compiled model's own values of the overlaid fields, whole."""
+    return {name: jnp.asarray(getattr(model, name), jnp.float32) for name in overlay}
+
+
+def overlaid_model(model: mujoco.MjModel, overlay: Overlay, world: World) -> mujoco.MjModel:
+    """A copy of a compiled model with one world's rows in it. Host only."""
+    model = copy.copy(model)
+    for name, ids in overlay.items():
+        getattr(model, name)[ids] = np.asarray(world.fields[name])
+    return model
 
 
 BOX_FIELDS = ("geom_pos", "geom_size", "geom_rbound", "geom_aabb")
@@ -43,15 +65,15 @@ def set_boxes(fields: Mapping[str, jax.Array], ids: np.ndarray, pos: jax.Array, 
     """Moves and resizes box geoms, with the bounds that broad phases read.
 
     Args:
-        fields: must hold `BOX_FIELDS`.
+        fields: whole model fields, `BOX_FIELDS` among them.
         ids: (n,) geom ids.
         pos: (n, 3) centres in metres.
         half: (n, 3) half extents in metres.
     """
     aabb = jnp.concatenate([jnp.zeros_like(half), half], axis=1)
     return dict(fields) | {
-        "geom_pos": jnp.asarray(fields["geom_pos"]).at[ids].set(pos),
-        "geom_size": jnp.asarray(fields["geom_size"]).at[ids].set(half),
-        "geom_rbound": jnp.asarray(fields["geom_rbound"]).at[ids].set(jnp.linalg.norm(half, axis=1)),
-        "geom_aabb": jnp.asarray(fields["geom_aabb"]).at[ids].set(aabb),
+        "geom_pos": fields["geom_pos"].at[ids].set(pos),
+        "geom_size": fields["geom_size"].at[ids].set(half),
+        "geom_rbound": fields["geom_rbound"].at[ids].set(jnp.linalg.norm(half, axis=1)),
+        "geom_aabb": fields["geom_aabb"].at[ids].set(aabb),
     }

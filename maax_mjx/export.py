@@ -1,0 +1,102 @@
+"""Any world of any batch as an MJCF file that moves as the batch does."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import mujoco
+import numpy as np
+
+from maax_mjx.env import Environment
+from maax_mjx.physics import overlaid_model
+from maax_mjx.state import State
+
+def world_of(state: State, world: int | None = None) -> State:
+    """One world of a batch, on the host; a state without a batch as it is.
+
+    Raises:
+        ValueError: a batch without `world`, or `world` out of range.
+    """
+    shape = np.shape(state.step)
+    if not shape:
+        if world is not None:
+            raise ValueError(f"world: got {world}; the state is of a single world and takes None")
+        return jax.device_get(state)
+    if world is None or not -shape[0] <= world < shape[0]:
+        raise ValueError(f"world: got {world}; the state is a batch and takes an index below {shape[0]}")
+    return jax.device_get(jax.tree.map(lambda x: x[world], State(**{k: getattr(state, k) for k in _FIELDS})))
+
+
+_FIELDS = tuple(State.__dataclass_fields__)
+
+
+def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
+    """Writes a world as an MJCF string, its current state as keyframe 0.
+
+    Numbers are written at full precision: plain MuJoCo, started from the keyframe, follows the `c` engine to rounding.
+    What a keyframe cannot hold is in custom numerics: `qacc_warmstart` and `xfrc_applied`.
+
+    Args:
+        env: the environment.
+        state: a state of it, of one world or of a batch.
+        world: which world of the batch.
+
+    Example:
+        model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, world=3))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    """
+    one = world_of(state, world)
+    model = overlaid_model(env.base.model, env.base.overlay, one.world)
+    root = ET.fromstring(env.base.spec.to_xml())
+    _write_bodies(root, model)
+    _write_geoms(root, model)
+    option = _child(root, "option")
+    option.set("timestep", _numbers([model.opt.timestep]))
+    option.set("gravity", _numbers(model.opt.gravity))
+    data = one.data
+    key = ET.SubElement(_child(root, "keyframe"), "key", name="state")
+    exact = env.base.engine.exact(data)
+    for name in ("time", "qpos", "qvel", "ctrl"):
+        key.set(name, _numbers(exact[name]))
+    custom = _child(root, "custom")
+    for name in ("qacc_warmstart", "xfrc_applied"):
+        value = exact[name]
+        ET.SubElement(custom, "numeric", name=name, size=str(value.size), data=_numbers(value))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _write_bodies(root: ET.Element, model: mujoco.MjModel) -> None:
+    for element in root.iter("body"):
+        body = model.body(element.get("name"))
+        element.set("pos", _numbers(body.pos))
+        if model.ngravcomp:
+            element.set("gravcomp", _numbers(model.body_gravcomp[body.id : body.id + 1]))
+    for element in root.iter("joint"):
+        if element.get("type") == "slide" and element.get("name"):
+            joint = model.joint(element.get("name"))
+            element.set("ref", _numbers(joint.qpos0))
+
+
+def _write_geoms(root: ET.Element, model: mujoco.MjModel) -> None:
+    for element in root.iter("geom"):
+        geom = model.geom(element.get("name"))
+        element.set("friction", _numbers(geom.friction))
+        # A compiled mesh has a frame of its own, which the file does not.
+        if element.get("mesh") is None:
+            element.set("pos", _numbers(geom.pos))
+            element.set("size", _numbers(geom.size))
+
+
+def _child(root: ET.Element, tag: str) -> ET.Element:
+    found = root.find(tag)
+    return ET.SubElement(root, tag) if found is None else found
+
+
+def _numbers(values: Iterable[Any]) -> str:
+    return " ".join(repr(float(v)) for v in values)
