@@ -5,6 +5,36 @@ from maax_mjx.runtime import guard_small_hosts
 guard_small_hosts()
 
 from maax_mjx.base import Base  # noqa: E402
-from maax_mjx.tasks import make  # noqa: E402
+from maax_mjx.env import Environment  # noqa: E402
+from maax_mjx.export import to_mjcf  # noqa: E402
+from maax_mjx.layout import outside_quad_placement, quad_placement, uniform_placement  # noqa: E402
+from maax_mjx.modules import Agents, Boxes, Module, Ramps, WallScenarios  # noqa: E402
+from maax_mjx.parallel import Worlds, WorldsState  # noqa: E402
+from maax_mjx.params import DomainParams  # noqa: E402
+from maax_mjx.state import State  # noqa: E402
+from maax_mjx.tasks import jitted, make, tasks  # noqa: E402
+from maax_mjx.worldgen import WorldParams  # noqa: E402
 
-__all__ = ["Base", "make"]
+__version__ = "0.1.0"
+
+__all__ = [
+    "Agents",
+    "Base",
+    "Boxes",
+    "DomainParams",
+    "Environment",
+    "Module",
+    "Ramps",
+    "State",
+    "WallScenarios",
+    "WorldParams",
+    "Worlds",
+    "WorldsState",
+    "jitted",
+    "make",
+    "outside_quad_placement",
+    "quad_placement",
+    "tasks",
+    "to_mjcf",
+    "uniform_placement",
+]

@@ -28,11 +28,11 @@ class CEngine(Engine):
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         super().__init__(model, overlay)
-        self._model = copy.copy(model)
+        self.c_model = copy.copy(model)
         disable = mujoco.mjtDisableBit
         # Autoreset would put a diverged world back to qpos0 unseen; the midphase reads bounding volumes of walls that
         # are overlaid, and those of the world body cannot be.
-        self._model.opt.disableflags |= int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_MIDPHASE)
+        self.c_model.opt.disableflags |= int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_MIDPHASE)
         # Not thread-local: XLA's threads drop their Python state after every callback, and the batch with it.
         self._idle: defaultdict[int, deque[Batch]] = defaultdict(deque)
 
@@ -73,7 +73,7 @@ class CEngine(Engine):
         except IndexError:
             for n in list(self._idle)[:-MAX_SIZES]:
                 self._idle.pop(n, None)
-            return Batch(self._model, n_worlds)
+            return Batch(self.c_model, n_worlds)
 
     def _step_batch(self, packed: np.ndarray, sizes: dict[str, int], n_frames: int) -> np.ndarray:
         """Host side: rows of all inputs side by side, with any leading axes, which are one batch of worlds here."""

@@ -1,0 +1,63 @@
+"""Shared, compiled once per session: environments and their jitted functions."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import maax_mjx as maax  # isort: skip
+
+import jax
+import pytest
+from hypothesis import settings
+
+jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parent.parent / ".jax_cache"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+settings.register_profile("maax", deadline=None, max_examples=25)
+settings.load_profile("maax")
+
+
+@pytest.fixture(scope="session")
+def env_c():
+    """M on the C engine."""
+    return maax.make("standard", impl="c")
+
+
+@pytest.fixture(scope="session")
+def env_jax():
+    """M on MJX's JAX physics."""
+    return maax.make("standard", impl="jax")
+
+
+@pytest.fixture(scope="session")
+def env_ranges():
+    """Like M on the C engine, with 0 to 3 boxes and 0 to 2 ramps."""
+    return maax.make("standard", impl="c", n_boxes=(0, 3), n_ramps=(0, 2))
+
+
+@pytest.fixture(scope="session")
+def batch_reset():
+    """`batch_reset(env, keys, params=None)`: jitted, vmapped reset, compiled once per environment."""
+    compiled = {}
+
+    def reset(env, keys, params=None):
+        if id(env) not in compiled:
+            compiled[id(env)] = (env, jax.jit(jax.vmap(env.reset, in_axes=(0, None))))
+        return compiled[id(env)][1](keys, env.default_params if params is None else params)
+
+    return reset
+
+
+@pytest.fixture(scope="session")
+def batch_step():
+    """`batch_step(env, states, action)`: jitted, vmapped step, compiled once per environment."""
+    compiled = {}
+
+    def step(env, states, action):
+        if id(env) not in compiled:
+            compiled[id(env)] = (env, jax.jit(jax.vmap(env.step)))
+        return compiled[id(env)][1](states, action)
+
+    return step
