@@ -225,12 +225,13 @@ class Base(Environment):
         z. MuJoCo clamps controls to [-1, 1]. Under jit, where values cannot be looked at, NaN is a physics fault.
         """
         check_action(self.action_space, action)
+        engine = self.engine  # gives the modules their ids, where nothing was reset yet
         move = jnp.asarray(action["move"], jnp.float32)
         ctrl = state.data.ctrl.at[self.agents.ctrl_ids.reshape(-1)].set(move.reshape(-1))
         before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
-        after, overflow = self.engine.step(state.world, before, self.n_frames)
+        after, overflow = engine.step(state.world, before, self.n_frames)
         fault = self._fault(state.world, after) | jnp.isnan(ctrl).any()
-        data = contain(fault, before, after.replace(engine=self.engine.renew(after.engine, fault)))
+        data = contain(fault, before, after.replace(engine=engine.renew(after.engine, fault)))
         step = state.step + 1
         return state.replace(
             data=data,

@@ -27,10 +27,15 @@ def world_of(state: State, world: int | None = None) -> State:
         return jax.device_get(state)
     if world is None or not -shape[0] <= world < shape[0]:
         raise ValueError(f"world: got {world}; the state is a batch and takes an index below {shape[0]}")
-    return jax.device_get(jax.tree.map(lambda x: x[world], State(**{k: getattr(state, k) for k in _FIELDS})))
+    return jax.device_get(_take(State(**{name: getattr(state, name) for name in _FIELDS}), world % shape[0]))
 
 
 _FIELDS = tuple(State.__dataclass_fields__)
+
+
+@jax.jit
+def _take(state: State, world: int) -> State:
+    return jax.tree.map(lambda x: x[world], state)
 
 
 def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:

@@ -38,6 +38,7 @@ class Agents(Entities):
     name = "agents"
     kind = "agent"
     count_name = "n_agents"
+    rest_depth = 3.67e-4
 
     def __init__(
         self,

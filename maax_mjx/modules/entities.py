@@ -24,6 +24,11 @@ class Entities(Module):
 
     A subclass sets `name`, `kind` and `count_name`, and implements `make`.
 
+    Attributes:
+        rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
+            gravity. Put down at exactly zero it would be in contact or fall by the last bit of a float, and no two
+            engines would agree on its first steps.
+
     Args:
         count: how many per world, or (low, high).
         extent: (x, y, z) of one in metres.
@@ -33,6 +38,7 @@ class Entities(Module):
 
     kind: str
     count_name: str
+    rest_depth = 1.08e-4
 
     def __init__(
         self,
@@ -96,7 +102,7 @@ class Entities(Module):
             centres.append(centre)
             placed.append(ok)
         active = jnp.stack(placed)
-        height = jnp.full((self.n_max, 1), self.extent[2] / 2)
+        height = jnp.full((self.n_max, 1), self.extent[2] / 2 - self.rest_depth)
         position = jnp.concatenate([jnp.stack(centres), height], axis=1)
         ids = self.qpos_ids[:, :3]
         qpos = layout.qpos.at[ids].set(jnp.where(active[:, None], position, layout.qpos[ids]))

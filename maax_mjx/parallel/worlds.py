@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from flax import struct
 
 from maax_mjx.checks import check_count, check_key
 from maax_mjx.env import Environment
@@ -15,6 +16,18 @@ from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 
 COUNTERS = ("physics_fault", "layout_invalid", "contact_overflow")
+
+
+class Upcoming(struct.PyTreeNode):
+    """The beginnings of the next episodes, drawn ahead of time.
+
+    Attributes:
+        state: what every world's next episode starts from.
+        stale: (n_worlds,) bool, where it is used up and has to be drawn.
+    """
+
+    state: State
+    stale: jax.Array
 
 
 class WorldsState(State):
@@ -30,8 +43,7 @@ class WorldsState(State):
         counts: int32 totals since `Worlds.reset`, (n_worlds,) each: "episodes" ended, steps with a "physics_fault" or
             "contact_overflow", and episodes begun in a "layout_invalid" world.
         seed: (n_worlds,) keys from which all episodes of a world follow.
-        next_world: what the next episode of every world starts from, drawn ahead of time.
-        next_stale: (n_worlds,) bool, where it is used up and has to be drawn.
+        upcoming: the beginnings of the next episodes.
     """
 
     final_obs: dict[str, jax.Array]
@@ -39,8 +51,7 @@ class WorldsState(State):
     episode_length: jax.Array
     counts: dict[str, jax.Array]
     seed: jax.Array
-    next_world: State
-    next_stale: jax.Array
+    upcoming: Upcoming
 
 
 class Worlds:
@@ -121,7 +132,9 @@ class Worlds:
         """
         self.env.base.check_params(params)
         params = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.n_worlds, 2)), params)
-        return states.replace(params=params, next_stale=jnp.ones(self.n_worlds, bool))
+        return states.replace(
+            params=params, upcoming=states.upcoming.replace(stale=jnp.ones(self.n_worlds, bool))
+        )
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """A uniform random action for every world."""
@@ -150,8 +163,7 @@ class Worlds:
                 "contact_overflow": zeros,
             },
             seed=seed,
-            next_world=_without_engine(second),
-            next_stale=jnp.zeros(n, bool),
+            upcoming=Upcoming(state=_without_engine(second), stale=jnp.zeros(n, bool)),
         )
 
     def step_fn(self, states: WorldsState, action: Any) -> WorldsState:
@@ -160,8 +172,12 @@ class Worlds:
         done = stepped.done
         # The first step after an episode's end starts the sums anew.
         running = ~states.done
-        states = self._draw_next(states, done & states.next_stale)
-        current = jax.lax.cond(done.any(), self._begin_next, lambda s, n, d: s, stepped, states.next_world, done)
+
+        def begin(stepped: State, upcoming: Upcoming) -> tuple[State, Upcoming]:
+            upcoming = self._draw_next(upcoming, states, urgent=done & upcoming.stale)
+            return self._begin_next(stepped, upcoming.state, done), upcoming.replace(stale=upcoming.stale | done)
+
+        current, upcoming = jax.lax.cond(done.any(), begin, lambda *same: same, stepped, states.upcoming)
         counts = {
             "episodes": states.counts["episodes"] + done,
             "physics_fault": states.counts["physics_fault"] + stepped.metrics["physics_fault"],
@@ -174,31 +190,27 @@ class Worlds:
             episode_return=jnp.where(running[:, None], states.episode_return, 0.0) + stepped.reward,
             episode_length=jnp.where(running, states.episode_length, 0) + 1,
             counts=counts,
-            next_stale=states.next_stale | done,
+            upcoming=upcoming,
         )
 
-    def _draw_next(self, states: WorldsState, urgent: jax.Array) -> WorldsState:
-        """Draws used-up next episodes: all `urgent` ones, and others once they fill a chunk."""
+    def _draw_next(self, upcoming: Upcoming, states: WorldsState, urgent: jax.Array) -> Upcoming:
+        """Draws used-up beginnings: all `urgent` ones, and others once they fill a chunk."""
 
-        def wanting(carry: tuple[State, jax.Array]) -> jax.Array:
-            stale = carry[1]
-            return (urgent & stale).any() | (stale.sum() >= self.chunk)
+        def wanting(upcoming: Upcoming) -> jax.Array:
+            return (urgent & upcoming.stale).any() | (upcoming.stale.sum() >= self.chunk)
 
-        def draw_chunk(carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-            next_world, stale = carry
-            rank = jnp.where(urgent & stale, 2, jnp.where(stale, 1, 0))
+        def draw_chunk(upcoming: Upcoming) -> Upcoming:
+            rank = jnp.where(urgent & upcoming.stale, 2, jnp.where(upcoming.stale, 1, 0))
             picked_rank, picked = jax.lax.top_k(rank, self.chunk)
-            episode = states.counts["episodes"][picked] + 1
-            keys = _episode_key(states.seed[picked], episode)
+            keys = _episode_key(states.seed[picked], states.counts["episodes"][picked] + 1)
             params = jax.tree.map(lambda x: x[picked], states.params)
             drawn = _without_engine(jax.vmap(self.env.reset)(keys, params))
             # What fills up the chunk is not stale and stays as it was drawn.
             target = jnp.where(picked_rank > 0, picked, self.n_worlds)
-            next_world = jax.tree.map(lambda old, new: old.at[target].set(new, mode="drop"), next_world, drawn)
-            return next_world, stale.at[picked].set(False)
+            state = jax.tree.map(lambda old, new: old.at[target].set(new, mode="drop"), upcoming.state, drawn)
+            return Upcoming(state=state, stale=upcoming.stale.at[target].set(False, mode="drop"))
 
-        next_world, stale = jax.lax.while_loop(wanting, draw_chunk, (states.next_world, states.next_stale))
-        return states.replace(next_world=next_world, next_stale=stale)
+        return jax.lax.while_loop(wanting, draw_chunk, upcoming)
 
     def _begin_next(self, stepped: State, fresh: State, done: jax.Array) -> State:
         """`stepped`, with the next episode's beginning where one is done; what happened in the step stays."""

@@ -22,7 +22,11 @@ FULL_WARNINGS = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarnin
 
 
 class CEngine(Engine):
-    """Borrows a `mujoco.batch.Batch` of the right size for every call: no Batch ever serves two threads at once."""
+    """Steps in float64 on all cores; `Data.engine` holds what float32 drops of the fields that a step advances.
+
+    With it a run follows plain MuJoCo step after step. It never exceeds half a unit in the last place of the public
+    field that it completes, so those may be changed freely.
+    """
 
     impl = "c"
 
@@ -33,11 +37,11 @@ class CEngine(Engine):
         # Autoreset would put a diverged world back to qpos0 unseen; the midphase reads bounding volumes of walls that
         # are overlaid, and those of the world body cannot be.
         self.c_model.opt.disableflags |= int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_MIDPHASE)
-        # Not thread-local: XLA's threads drop their Python state after every callback, and the batch with it.
-        self._idle: defaultdict[int, deque[Batch]] = defaultdict(deque)
+        # Borrowed for a call, so that no Batch serves two threads at once. Not thread-local: XLA's threads drop their
+        # Python state after every callback, and the batch with it.
+        self._idle: defaultdict[int, deque[_HostBatch]] = defaultdict(deque)
 
     def carry(self, data: Data) -> jax.Array:
-        """What float32 drops of `ADVANCED`, flat: with it a run follows plain MuJoCo in float64 step after step."""
         return jnp.zeros(sum(getattr(data, name).size for name in ADVANCED))
 
     def renew(self, carried: jax.Array, anew: jax.Array) -> jax.Array:
@@ -50,7 +54,7 @@ class CEngine(Engine):
 
     def _integrate(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         # One array in and one out: the callback's cost is per array, not per byte.
-        inputs = {name: getattr(data, name) for name in INPUTS} | world.fields
+        inputs = {name: getattr(data, name) for name in INPUTS} | {name: world.fields[name] for name in self.overlay}
         sizes = {name: value.size for name, value in inputs.items()}
         flat = [value.astype(jnp.float32).reshape(-1) for value in inputs.values()]
         n_advanced = data.engine.size
@@ -62,50 +66,76 @@ class CEngine(Engine):
         )
         advanced, rest, full = jnp.split(out, [n_advanced, 2 * n_advanced])
         parts = jnp.split(advanced, np.cumsum([sizes[name] for name in ADVANCED])[:-1])
-        fields = {
-            name: part.reshape(getattr(data, name).shape) for name, part in zip(ADVANCED, parts, strict=True)
-        }
+        fields = {name: part.reshape(getattr(data, name).shape) for name, part in zip(ADVANCED, parts, strict=True)}
         return data.replace(**fields, engine=rest), full[0] > 0
 
-    def _borrow(self, n_worlds: int) -> Batch:
+    def _step_batch(self, packed: np.ndarray, sizes: dict[str, int], n_frames: int) -> np.ndarray:
+        """Host side: one row per world, of any leading axes, with all inputs side by side."""
+        packed = np.asarray(packed)
+        rows = packed.reshape(-1, packed.shape[-1])
+        host = self._borrow(len(rows))
+        out = host.step(rows, sizes, n_frames)
+        self._idle[len(rows)].append(host)
+        return out.reshape(*packed.shape[:-1], -1)
+
+    def _borrow(self, n_worlds: int) -> _HostBatch:
         try:
             return self._idle[n_worlds].pop()
         except IndexError:
             for n in list(self._idle)[:-MAX_SIZES]:
                 self._idle.pop(n, None)
-            return Batch(self.c_model, n_worlds)
+            return _HostBatch(self.c_model, self.overlay, n_worlds)
 
-    def _step_batch(self, packed: np.ndarray, sizes: dict[str, int], n_frames: int) -> np.ndarray:
-        """Host side: rows of all inputs side by side, with any leading axes, which are one batch of worlds here."""
-        rows = np.asarray(packed)
-        lead = rows.shape[:-1]
-        rows = rows.reshape(-1, rows.shape[-1])
-        batch = self._borrow(len(rows))
-        rest, start = 0, sum(sizes[name] for name in ADVANCED)
-        for name, size in sizes.items():
-            values = rows[:, start : start + size]
+
+class _HostBatch:
+    """A `mujoco.batch.Batch` and the fields last written to it."""
+
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay, n_worlds: int):
+        self.batch = Batch(model, n_worlds)
+        self._fields = [(self.batch.expand(name), ids) for name, ids in overlay.items()]
+        self._written: np.ndarray | None = None
+
+    def step(self, rows: np.ndarray, sizes: dict[str, int], n_frames: int) -> np.ndarray:
+        batch, n_worlds = self.batch, len(rows)
+        n_advanced = sum(sizes[name] for name in ADVANCED)
+        rest, start = 0, n_advanced
+        for name in INPUTS:
+            target = batch.bind(name).reshape(n_worlds, -1)
+            size = sizes[name]
+            target[...] = rows[:, start : start + size]
             start += size
-            if name in self.overlay:
-                target = batch.expand(name)
-                ids = self.overlay[name]
-                target[:, ids] = values.reshape(len(rows), len(ids), *target.shape[2:])
-                continue
-            target = batch.bind(name).reshape(len(rows), -1)
-            target[...] = values
             if name in ADVANCED:
                 target += rows[:, rest : rest + size]
                 rest += size
+        self._write_fields(rows[:, start:])
         batch.warning[...] = 0
-        failed = np.zeros(0, int)
+        failed: np.ndarray | None = None
         try:
             batch.step(nstep=n_frames)
         except SimulationError as error:
             failed = error.ids
-        exact = np.concatenate([batch.bind(name).reshape(len(rows), -1) for name in ADVANCED], axis=1)
-        # A world in which MuJoCo raised kept its old state: NaN makes it the fault that it is.
-        exact[failed] = np.nan
-        rounded = exact.astype(np.float32)
-        full = (batch.warning[:, FULL_WARNINGS, 1] > 0).any(axis=1)
-        out = np.concatenate([rounded, exact - rounded, full[:, None]], axis=1, dtype=np.float32, casting="same_kind")
-        self._idle[len(rows)].append(batch)
-        return out.reshape(*lead, -1)
+        out = np.empty((n_worlds, 2 * n_advanced + 1), np.float32)
+        exact = np.concatenate([batch.bind(name).reshape(n_worlds, -1) for name in ADVANCED], axis=1)
+        if failed is not None:  # MuJoCo raised and kept the old state: NaN makes it the fault that it is
+            exact[failed] = np.nan
+        out[:, :n_advanced] = exact
+        np.subtract(exact, out[:, :n_advanced], out=out[:, n_advanced:-1], casting="same_kind")
+        out[:, -1] = (batch.warning[:, FULL_WARNINGS, 1] > 0).any(axis=1)
+        return out
+
+    def _write_fields(self, rows: np.ndarray) -> None:
+        """Writes the overlay where it changed, which is where a world was reset."""
+        if self._written is None:
+            changed = np.ones(len(rows), bool)
+        else:
+            changed = (rows != self._written).any(axis=1)
+            if not changed.any():
+                return
+        self._written = rows.copy()
+        start = 0
+        for target, ids in self._fields:
+            shape = (len(ids), *target.shape[2:])
+            size = int(np.prod(shape))
+            values = rows[changed, start : start + size].reshape(-1, *shape)
+            target[np.ix_(changed, ids)] = values
+            start += size

@@ -11,6 +11,7 @@ import numpy as np
 from mujoco import mjx
 
 from maax_mjx.physics.data import Data
+from maax_mjx.physics.kinematics import UprightKinematics
 from maax_mjx.physics.world import Overlay, World
 
 
@@ -29,6 +30,7 @@ class MjxModel:
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         self._overlay = overlay
+        self._upright = UprightKinematics(model, overlay) if UprightKinematics.applies(model, overlay) else None
         # May be reached for the first time inside a traced function: these arrays must not become tracers.
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
@@ -57,6 +59,8 @@ class MjxModel:
 
     def kinematics(self, world: World, data: Data) -> Data:
         """The state with the poses that belong to its qpos."""
+        if self._upright is not None:
+            return self._upright(world, data)
         d = mjx.kinematics(self.overlay(world), self.data(data))
         return data.replace(xpos=d.xpos, xquat=d.xquat, geom_xpos=d.geom_xpos, geom_xmat=d.geom_xmat)
 

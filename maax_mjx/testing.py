@@ -1,0 +1,121 @@
+"""`check_env`: what every environment must hold, for your own as for ours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.env import Environment
+from maax_mjx.state import State
+
+TOLERANCE = 1e-5
+
+
+def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: int = 0) -> None:
+    """Checks an environment; returns nothing if all is well.
+
+    Spaces hold what comes out; jit gives what eager gives, and vmap what a loop gives, to 1e-5; reset and step are
+    traced once; the same key gives the same world and the same run; everything is finite; a step's State has the tree,
+    shapes and dtypes of the one that went in; arrays per agent have one row per agent.
+
+    Args:
+        env: the environment.
+        n_worlds: worlds in the vmapped check.
+        n_steps: steps of every run.
+        seed: of the worlds and actions.
+
+    Raises:
+        AssertionError: with a sentence that says what does not hold and where.
+    """
+    keys = jax.random.split(jax.random.key(seed), n_worlds)
+    actions = [_actions(env, jax.random.key(seed + 1 + t), n_worlds) for t in range(n_steps)]
+    traces = {"reset": 0, "step": 0}
+
+    def reset(key: jax.Array) -> State:
+        traces["reset"] += 1
+        return env.reset(key)
+
+    def step(state: State, action: Any) -> State:
+        traces["step"] += 1
+        return env.step(state, action)
+
+    jit_reset, jit_step = jax.jit(reset), jax.jit(step)
+    loop = [_run(jit_reset, jit_step, key, [_row(a, i) for a in actions]) for i, key in enumerate(keys)]
+    if traces != {"reset": 1, "step": 1}:
+        raise AssertionError(f"reset and step were traced {traces} times for {n_worlds} worlds; each must be once")
+    again = _run(jit_reset, jit_step, keys[0], [_row(a, 0) for a in actions])
+    _same(loop[0], again, "two runs from the same key", exact=True)
+    for i, states in enumerate(loop):
+        _check_states(env, states, f"world {i}")
+    if _equal(loop[0][0].data.qpos, loop[1][0].data.qpos) and _equal(loop[0][0].world.plan.doors, loop[1][0].world.plan.doors):
+        raise AssertionError("reset gave two different keys the same world")
+
+    batch = _run(jax.jit(jax.vmap(env.reset)), jax.jit(jax.vmap(env.step)), keys, actions)
+    for i, states in enumerate(loop):
+        rows = [jax.tree.map(lambda x, i=i: x[i], state) for state in batch]
+        _same(states, rows, f"vmap and loop, world {i}")
+    with jax.disable_jit():
+        eager = env.reset(keys[0])
+    _same(loop[0][:1], [eager], "jit and eager reset")
+    _same(loop[0][1:2], [env.step(loop[0][0], _row(actions[0], 0))], "jit and eager step")
+
+
+def _actions(env: Environment, key: jax.Array, n_worlds: int) -> Any:
+    return jax.vmap(env.sample_action)(jax.random.split(key, n_worlds))
+
+
+def _row(tree: Any, i: int) -> Any:
+    return jax.tree.map(lambda x: x[i], tree)
+
+
+def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any]) -> list[State]:
+    states = [reset(key)]
+    for action in actions:
+        states.append(step(states[-1], action))
+    return states
+
+
+def _check_states(env: Environment, states: list[State], where: str) -> None:
+    shapes = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)), states[0])
+    for t, state in enumerate(states):
+        here = f"{where}, step {t}"
+        if jax.tree.structure(state) != jax.tree.structure(states[0]):
+            raise AssertionError(f"{here}: step changed the tree of the State, so that it cannot be scanned")
+        now = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)), state)
+        if now != shapes:
+            raise AssertionError(f"{here}: step changed a shape or dtype of the State, so that it cannot be scanned")
+        obs = jax.device_get(state.obs)
+        if not env.observation_space.contains(obs):
+            bad = [k for k in {*obs, *env.observation_space} if k not in obs or k not in env.observation_space.spaces
+                   or not env.observation_space[k].contains(obs[k])]  # fmt: skip
+            raise AssertionError(f"{here}: observation_space does not contain the observations {sorted(bad)}")
+        if state.reward.shape != (env.base.n_agents,):
+            raise AssertionError(f"{here}: reward has shape {state.reward.shape}; it must be ({env.base.n_agents},)")
+        for path, leaf in jax.tree.leaves_with_path(state):
+            if jnp.issubdtype(leaf.dtype, jnp.floating) and not np.isfinite(leaf).all():
+                raise AssertionError(f"{here}: {jax.tree_util.keystr(path)} is not finite")
+        if int(state.step) != t:
+            raise AssertionError(f"{here}: state.step is {int(state.step)}")
+    action = jax.device_get(env.sample_action(jax.random.key(0)))
+    if not env.action_space.contains(action):
+        raise AssertionError(f"action_space does not contain what sample_action gives: {sorted(action)}")
+
+
+def _equal(a: jax.Array, b: jax.Array) -> bool:
+    return bool(jnp.array_equal(a, b))
+
+
+def _same(left: list[State], right: list[State], what: str, exact: bool = False) -> None:
+    for t, (a, b) in enumerate(zip(left, right, strict=True)):
+        # What an engine carries is its own affair.
+        a, b = (s.replace(data=s.data.replace(engine=())) for s in (a, b))
+        for (path, x), y in zip(jax.tree.leaves_with_path(a), jax.tree.leaves(b), strict=True):
+            if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
+                x, y = jax.random.key_data(x), jax.random.key_data(y)
+            x, y = np.asarray(x), np.asarray(y)
+            close = np.array_equal(x, y) if exact or x.dtype.kind != "f" else np.allclose(x, y, 1e-4, TOLERANCE)
+            if not close:
+                raise AssertionError(f"{what} differ at step {t} in {jax.tree_util.keystr(path)}")

@@ -1,0 +1,326 @@
+"""Every mistake of a user is refused where it is made, in words that name the argument, what it got and what it takes.
+
+Under jit, where values cannot be seen, a bad value is contained in the world that it was given to.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+from maax_mjx import Agents, Base, Boxes, DomainParams, Ramps, WallScenarios, WorldParams, Worlds
+
+NAN = float("nan")
+gap = pytest.mark.xfail(strict=True, reason="accepted, or refused in words that do not name the argument")
+
+
+def cases(table):
+    """{id: (call, fragments of the message...)}, or with `gap` in front, as parameters."""
+    out = []
+    for name, (call, *fragments) in table.items():
+        marks = [gap] if name.startswith("gap: ") else []
+        out.append(pytest.param(call, fragments, id=name.removeprefix("gap: "), marks=marks))
+    return pytest.mark.parametrize(("call", "fragments"), out)
+
+
+def refuses(call, fragments, *args, error=ValueError):
+    with pytest.raises(error) as caught:
+        call(*args)
+    assert type(caught.value) is error
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def standard(**overrides):
+    return maax.make("standard", impl="c", **overrides)
+
+
+def base(n_agents, *modules, **arguments):
+    env = Base(n_agents, impl="c", **arguments)
+    for module in modules:
+        env.add_module(module)
+    return env
+
+
+def shared_module():
+    boxes = Boxes(1)
+    base(1, boxes)
+    base(1, boxes)
+
+
+def in_quadrant(*walls):
+    return base(1, *walls, Agents(1, maax.quad_placement))
+
+
+COUNT = "takes a whole number of at least 0, or (low, high) with low <= high"
+ONE = "takes a whole number of at least 1"
+POSITIVE = "takes a positive number"
+NO_QUAD = ("placement_fn: Agents", "there is none", 'add WallScenarios(scenario="quad")')
+NO_DOOR = ("door_size: got 15 cells", "takes 0 to 14")
+NO_ROOM = ("boxes: got 54 objects", "50 boxes", "the floor takes 46", "754 free")
+COLOURS = "takes 2 colours of four numbers, one per agent"
+
+CONSTRUCTION = {
+    "scenario": (lambda: WallScenarios("quda"), "scenario: got 'quda'", "['empty', 'quad']", "did you mean 'quad'?"),
+    "boxes negative": (lambda: Boxes(-1), "n_boxes: got -1", COUNT),
+    "boxes reversed": (lambda: Boxes((3, 1)), "n_boxes: got (3, 1)", COUNT),
+    "boxes fraction": (lambda: Boxes(1.5), "n_boxes: got 1.5", COUNT),
+    "boxes three numbers": (lambda: Boxes((0, 1, 2)), "n_boxes: got (0, 1, 2)", COUNT),
+    "agents none": (lambda: Agents(0), "n_agents: got 0", ONE),
+    "agents range": (lambda: Agents((1, 2)), "n_agents: got (1, 2)", ONE),
+    "base agents": (lambda: Base(-1), "n_agents: got -1", ONE),
+    "seekers": (lambda: standard(n_seekers=1.5), "n_seekers: got 1.5", "takes a whole number of at least 0"),
+    "no team": (lambda: standard(n_hiders=0, n_seekers=0), "n_hiders, n_seekers: got 0 and 0", "at least one agent"),
+    "agents disagree": (lambda: base(2, Agents(3)), "n_agents", "Base got 2, Agents got 3", "both take the same"),
+    "placement list": (lambda: Boxes(2, [maax.uniform_placement]), "placement_fn: got a list of 1", "a list of 2"),
+    "placement elements": (lambda: Boxes(2, [3, 3]), "placement_fn: got 3", "takes a function (layout, cells)"),
+    "gap: placement number": (lambda: Boxes(2, 3), "placement_fn: got 3", "takes"),
+    "gap: placement None": (lambda: Ramps(1, None), "placement_fn: got None", "takes"),
+    "gap: placement string": (lambda: Boxes(4, "quad"), "placement_fn: got 'quad'", "takes"),
+    "quadrant without walls": (in_quadrant, *NO_QUAD),
+    "quadrant of empty": (lambda: in_quadrant(WallScenarios("empty")), *NO_QUAD),
+    "quadrant too late": (lambda: base(1, Agents(1, [maax.outside_quad_placement]), WallScenarios()), *NO_QUAD),
+    "colours": (lambda: Agents(2, colors=[(1, 1, 1, 1)]), "colors: got [(1, 1, 1, 1)]", COLOURS),
+    "box size": (lambda: Boxes(1, box_size=-0.5), "box_size: got -0.5", POSITIVE),
+    "gap: box friction": (lambda: Boxes(1, box_friction=-1.0), "box_friction: got -1.0", "takes"),
+    "gap: ramp friction": (lambda: Ramps(1, ramp_friction="ice"), "ramp_friction: got 'ice'", "takes"),
+    "door too wide": (lambda: standard(door_size=15), *NO_DOOR),
+    "door of a small grid": (lambda: base(1, WallScenarios("quad", 4), grid_size=8), "door_size: got 4", "0 to 3"),
+    "door negative": (lambda: WallScenarios("quad", -1), "door_size: got -1", "takes a whole number of at least 0"),
+    "no room": (lambda: standard(n_boxes=50, n_ramps=0), *NO_ROOM),
+    "no room for one": (lambda: base(1, Boxes(1, box_size=7.0)), "boxes: got 1 objects", "35 x 35", "takes 0"),
+    "horizon": (lambda: standard(horizon=0), "horizon: got 0", ONE),
+    "n_frames": (lambda: standard(n_frames=0), "n_frames: got 0", ONE),
+    "grid_size": (lambda: standard(grid_size=7), "grid_size: got 7", "takes a whole number of at least 8"),
+    "floor_size": (lambda: standard(floor_size=0), "floor_size: got 0", POSITIVE),
+    "floor_size nan": (lambda: standard(floor_size=NAN), "floor_size: got nan", POSITIVE),
+    "impl": (lambda: maax.make("standard", impl="nonsense"), "impl: got 'nonsense'", "takes one of", "'c'", "'jax'"),
+    "timestep": (lambda: WorldParams(timestep=0.0), "timestep: got 0.0", POSITIVE),
+    "gap: timestep nan": (lambda: WorldParams(timestep=NAN), "timestep: got nan", POSITIVE),
+    "gap: timestep infinite": (lambda: WorldParams(timestep=float("inf")), "timestep: got inf", POSITIVE),
+    "gap: timestep string": (lambda: WorldParams(timestep="fast"), "timestep: got 'fast'", POSITIVE),
+    "iterations": (lambda: WorldParams(iterations=0), "iterations: got 0", ONE),
+    "gap: iterations fraction": (lambda: WorldParams(iterations=1.5), "iterations: got 1.5", ONE),
+    "ls_iterations": (lambda: WorldParams(ls_iterations=-2), "ls_iterations: got -2", ONE),
+    "gap: gravity nan": (lambda: WorldParams(gravity=NAN), "gravity: got nan", "takes"),
+    "gap: world_params": (lambda: standard(world_params=3), "world_params: got 3", "takes"),
+    "module": (lambda: base(1, 3), "module: got 3", "takes a Module"),
+    "module class": (lambda: base(1, Agents), "module: got <class", "takes a Module"),
+    "module twice": (lambda: base(1, Agents(1), Agents(1)), "module: got a second 'agents'", "takes one of each"),
+    "module of another": (shared_module, "module: this Boxes belongs to another environment", "make a new one"),
+    "task": (lambda: maax.make("standrad"), "name: got 'standrad'", "takes one of", "did you mean 'standard'?"),
+    "keyword": (lambda: standard(n_box=2), "make('standard'): got 'n_box'", "takes one of", "did you mean 'n_boxes'"),
+    "jitted name": (lambda: maax.jitted("standrad"), "name: got 'standrad'", "did you mean 'standard'?"),
+    "jitted nonsense": (lambda: maax.jitted(3), "env: got 3", "takes an environment or one of ['standard']"),
+    "jitted overrides": (lambda: maax.jitted(standard(), horizon=3), "overrides: got ['horizon']", "with a name"),
+    "worlds of nonsense": (lambda: Worlds("standard", 4), "env: got 'standard'", "takes an environment"),
+    "worlds none": (lambda: Worlds(standard(), 0), "n_worlds: got 0", ONE),
+}
+
+
+@cases(CONSTRUCTION)
+def test_refused_at_construction(call, fragments):
+    refuses(call, fragments)
+
+
+def test_limits_themselves_are_taken():
+    standard(n_boxes=42, n_ramps=0)
+    standard(n_boxes=np.int64(2), n_ramps=(0, 0), horizon=1, n_frames=1, door_size=14)
+    standard(scenario="empty", door_size=15)
+    base(2, Agents(2), Boxes((0, 2), [maax.uniform_placement] * 2), grid_size=8, floor_size=2.5)
+    WorldParams(timestep=1e-4, gravity=0.0, iterations=1, ls_iterations=1)
+
+
+def test_modules_come_before_the_first_use():
+    env = base(1, Agents(1))
+    assert env.model.nu == 3
+    refuses(env.add_module, ["add_module", "built already", "before its first use"], Boxes(1), error=RuntimeError)
+
+
+def test_an_environment_needs_agents():
+    env = base(2, WallScenarios())
+    expected = ["got no agents", "add_module(Agents(2, ...))"]
+    refuses(env.reset, expected, jax.random.key(0), error=RuntimeError)
+    env.add_module(Agents(2))  # the attempt leaves it usable
+
+
+@pytest.fixture(scope="module")
+def small():
+    """One agent and 0 to 2 boxes on an open floor."""
+    return base(1, Agents(1), Boxes((0, 2)))
+
+
+@pytest.fixture(scope="module")
+def kit(env_c, env_ranges, small, batch_reset):
+    """What the calls below are made with."""
+    key = jax.random.key(0)
+    batch = batch_reset(env_c, jax.random.split(key, 3))
+    worlds = Worlds(small, 3)
+    return SimpleNamespace(
+        env=env_c,
+        ranges=env_ranges,
+        batch=batch,
+        one=jax.tree.map(lambda x: x[0], batch),
+        move=np.zeros((4, 3), np.float32),
+        nan=np.full((4, 3), NAN, np.float32),
+        key=key,
+        raw=jax.random.PRNGKey(0),
+        jitted=maax.jitted(env_c),
+        jitted_ranges=maax.jitted(env_ranges),
+        small=small,
+        worlds=worlds,
+        states=worlds.reset(key),
+        moves=np.zeros((3, 1, 3), np.float32),
+    )
+
+
+def step(k, action):
+    return k.env.step(k.one, action)
+
+
+def jitted_step(k, action):
+    return k.jitted[1](k.one, action)
+
+
+def worlds_step(k, action):
+    return k.worlds.step(k.states, action)
+
+
+RAW = ("key: got an array of uint32", "takes a typed key, jax.random.key(seed)")
+KEYS = ("key: got 3 keys", "takes one key")
+HOLDS_NAN = ("action: 'move' holds NaN", "takes numbers in [-1, 1]")
+ABOVE = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 3")
+ABOVE_SMALL = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 2")
+REVERSED = ("params: n_boxes is (2, 1)", "0 <= low <= high <= 3")
+FOREIGN = ("params: got ranges for ['n_agents', 'n_boxes']", "takes exactly ['n_agents', 'n_boxes', 'n_ramps']")
+SINGLE = ("world: got 0", "single world", "takes None")
+BATCH = "the state is a batch and takes an index below 3"
+
+
+def boxes(env, value):
+    return env.default_params.replace(n_boxes=value)
+
+
+def floats(env, value):
+    return DomainParams({**env.default_params, "n_boxes": np.array(value)})
+
+
+def one_of_three(env, value):
+    return DomainParams({**per_world(env, 3), "n_boxes": jnp.array([(0, 2), value, (0, 2)])})
+
+
+def per_world(env, n):
+    return jax.tree.map(lambda x: jnp.tile(x, (n, 1)), env.default_params)
+
+
+CALLS = {
+    "action shape": (lambda k: step(k, {"move": k.move[:3]}), "action: 'move' has shape (3, 3)", "takes (4, 3)"),
+    "action missing": (lambda k: step(k, {}), "action: got []", "takes exactly ['move']"),
+    "action extra": (lambda k: step(k, {"move": k.move, "grab": k.move}), "action: got ['grab', 'move']", "['move']"),
+    "action array": (lambda k: step(k, k.move), "action: got ndarray", "takes a dict with ['move']"),
+    "action nan": (lambda k: step(k, {"move": jnp.asarray(k.nan)}), *HOLDS_NAN),
+    "jitted nan": (lambda k: jitted_step(k, {"move": jnp.asarray(k.nan)}), *HOLDS_NAN),
+    "worlds shape": (lambda k: worlds_step(k, {"move": k.move}), "'move' has shape (4, 3)", "takes (3, 1, 3)"),
+    "worlds nan": (lambda k: worlds_step(k, {"move": k.moves + np.float32(NAN)}), *HOLDS_NAN),
+    "worlds nan in jax": (lambda k: worlds_step(k, {"move": jnp.asarray(k.moves).at[2, 0, 1].set(NAN)}), *HOLDS_NAN),
+    "key raw": (lambda k: k.env.reset(k.raw), *RAW),
+    "key number": (lambda k: k.env.reset(0), "key: got 0", "takes a typed key"),
+    "key jitted": (lambda k: k.jitted[0](k.raw), *RAW),
+    "key under jit": (lambda k: jax.jit(k.env.reset)(k.raw), *RAW),
+    "key of worlds": (lambda k: k.worlds.reset(k.raw), *RAW),
+    "keys": (lambda k: k.env.reset(jax.random.split(k.key, 3)), *KEYS),
+    "keys of worlds": (lambda k: k.worlds.reset(jax.random.split(k.key, 3)), *KEYS),
+    "params name": (lambda k: k.ranges.default_params.replace(n_box=1), "got 'n_box'", "did you mean 'n_boxes'?"),
+    "params reversed": (lambda k: k.ranges.check_params(boxes(k.ranges, (2, 1))), *REVERSED),
+    "params above": (lambda k: k.ranges.check_params(boxes(k.ranges, (1, 9))), *ABOVE),
+    "params below": (lambda k: k.ranges.check_params(boxes(k.ranges, (-1, 2))), "n_boxes is (-1, 2)", "0 <= low"),
+    "params of one world": (lambda k: k.worlds.reset(k.key, one_of_three(k.small, (0, 9))), "n_boxes is (0, 9)"),
+    "gap: params reversed in one": (
+        lambda k: k.worlds.reset(k.key, one_of_three(k.small, (2, 1))),
+        "n_boxes is (2, 1)",
+    ),
+    "params above in reset": (lambda k: k.ranges.reset(k.key, boxes(k.ranges, (1, 9))), *ABOVE),
+    "params reversed in jitted": (lambda k: k.jitted_ranges[0](k.key, boxes(k.ranges, (2, 1))), *REVERSED),
+    "params above in jitted": (lambda k: k.jitted_ranges[0](k.key, boxes(k.ranges, (1, 9))), *ABOVE),
+    "params in worlds": (lambda k: k.worlds.reset(k.key, boxes(k.small, (1, 9))), *ABOVE_SMALL),
+    "params in with_params": (lambda k: k.worlds.with_params(k.states, boxes(k.small, (1, 9))), *ABOVE_SMALL),
+    "params shape": (lambda k: k.ranges.check_params(boxes(k.ranges, (0, 1, 2))), "n_boxes has shape (3,)", "(2,)"),
+    "params dict": (lambda k: k.env.reset(k.key, {"n_boxes": (1, 1)}), "params: got dict", "takes env.default_params"),
+    "params foreign": (lambda k: k.env.reset(k.key, k.small.default_params), *FOREIGN),
+    "params foreign in worlds": (lambda k: k.worlds.with_params(k.states, k.env.default_params), "takes exactly"),
+    "gap: params fraction": (lambda k: k.ranges.check_params(boxes(k.ranges, (0.5, 2.7))), "n_boxes", "0.5"),
+    "gap: params string": (lambda k: boxes(k.ranges, "few"), "n_boxes", "few"),
+    "gap: params None": (lambda k: boxes(k.ranges, None), "n_boxes", "None"),
+    "gap: params nan": (lambda k: k.ranges.check_params(floats(k.ranges, (NAN, 1.0))), "n_boxes", "nan"),
+    "gap: params float": (lambda k: k.ranges.check_params(floats(k.ranges, (0.5, 1.0))), "n_boxes", "0.5"),
+    "gap: params of a batch": (lambda k: k.ranges.reset(k.key, per_world(k.ranges, 3)), "params: n_", "(3, 2)", "(2,)"),
+    "gap: params of 4 worlds": (
+        lambda k: k.worlds.reset(k.key, per_world(k.small, 4)),
+        "params: n_",
+        "takes",
+        "(4, 2)",
+    ),
+    "gap: states of others": (lambda k: k.worlds.step(k.one, {"move": k.moves}), "states: got", "takes"),
+    "mjcf of a batch": (lambda k: maax.to_mjcf(k.env, k.batch), "world: got None", BATCH),
+    "mjcf above": (lambda k: maax.to_mjcf(k.env, k.batch, 3), "world: got 3", BATCH),
+    "mjcf below": (lambda k: maax.to_mjcf(k.env, k.batch, -4), "world: got -4", BATCH),
+    "mjcf of one": (lambda k: maax.to_mjcf(k.env, k.one, 0), *SINGLE),
+    "gap: mjcf fraction": (lambda k: maax.to_mjcf(k.env, k.batch, 1.5), "world: got 1.5", "takes"),
+    "gap: mjcf bool": (lambda k: maax.to_mjcf(k.env, k.batch, True), "world: got True", "takes"),
+}
+
+
+@cases(CALLS)
+def test_refused_at_call(call, fragments, kit):
+    refuses(call, fragments, kit)
+
+
+def test_donated_states_are_not_used_again(kit):
+    states = kit.worlds.reset(kit.key)
+    later = kit.worlds.step(states, {"move": kit.moves})
+    expected = ["states", "donated", "donate=False"]
+    refuses(kit.worlds.step, expected, states, {"move": kit.moves}, error=RuntimeError)
+    assert kit.worlds.step(later, {"move": kit.moves}).step.tolist() == [2, 2, 2]
+
+
+@pytest.mark.xfail(strict=True, reason="the caller's arrays are donated with the states")
+def test_params_of_the_caller_are_not_donated(kit):
+    params = per_world(kit.small, 3)
+    states = kit.worlds.with_params(kit.worlds.reset(kit.key), params)
+    states = kit.worlds.step(states, {"move": kit.moves})
+    assert params["n_boxes"].tolist() == [[0, 2]] * 3
+
+
+def test_params_out_of_bounds_under_jit_give_an_invalid_world(small, batch_reset):
+    keys = jax.random.split(jax.random.key(0), 3)
+    for value, valid in [((1, 9), False), ((2, 1), False), ((-1, 1), False), ((2, 2), True)]:
+        state = batch_reset(small, keys, boxes(small, value))
+        assert state.world.valid.tolist() == [valid] * 3
+        assert state.metrics["layout_invalid"].tolist() == [not valid] * 3
+
+
+def test_nan_under_jit_is_a_fault_of_its_world_alone(kit, batch_step):
+    move = np.random.default_rng(0).uniform(-1, 1, (3, 4, 3)).astype(np.float32)
+    states = batch_step(kit.env, kit.batch, {"move": move})
+    clean = batch_step(kit.env, states, {"move": move})
+    assert not clean.done.any()
+    assert not clean.metrics["physics_fault"].any()
+    bad = move.copy()
+    bad[1, 2, 0] = NAN
+    faulty = batch_step(kit.env, states, {"move": bad})
+    assert faulty.truncated.tolist() == [False, True, False]
+    assert faulty.terminated.tolist() == [False] * 3
+    assert faulty.metrics["physics_fault"].tolist() == [False, True, False]
+    for name in ("data", "obs", "reward", "metrics", "step"):
+        for a, b in zip(jax.tree.leaves(getattr(clean, name)), jax.tree.leaves(getattr(faulty, name)), strict=True):
+            assert np.isfinite(b).all()
+            np.testing.assert_array_equal(np.asarray(a)[[0, 2]], np.asarray(b)[[0, 2]])
+    np.testing.assert_array_equal(faulty.data.qpos[1], states.data.qpos[1])
+    assert not np.array_equal(clean.data.qpos[1], states.data.qpos[1])
+    again = batch_step(kit.env, faulty, {"move": move})
+    assert not again.metrics["physics_fault"].any()

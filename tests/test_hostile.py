@@ -1,0 +1,72 @@
+"""Full force, held: no NaN reaches a user, and every fault is contained and counted."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+
+
+def play(env, n_worlds, n_steps, held, seed=0):
+    """Bang-bang actions held for `held` steps; returns the counts and whether everything stayed finite."""
+    worlds = maax.Worlds(env, n_worlds)
+    states = worlds.reset(jax.random.key(seed))
+
+    def step(states, t):
+        key = jax.random.fold_in(jax.random.key(seed), t // held)
+        move = jnp.where(jax.random.bernoulli(key, shape=(n_worlds, 4, 3)), 1.0, -1.0)
+        states = worlds.step_fn(states, {"move": move})
+        leaves = jax.tree.leaves((states.obs, states.final_obs, states.reward, states.data))
+        ok = jnp.stack([jnp.isfinite(x).all() for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)]).all()
+        inside = (jnp.abs(states.data.xpos[:, env.agents.body_ids, :2] - 3) < 3.31).all()
+        return states, (ok, inside, states.metrics["physics_fault"] <= states.truncated)
+
+    states, (ok, inside, counted) = jax.jit(lambda s: jax.lax.scan(step, s, jnp.arange(n_steps)))(states)
+    assert bool(ok.all()), "a NaN or infinity reached the user"
+    assert bool(inside.all()), "an agent was left outside the arena"
+    assert bool(counted.all()), "a fault did not truncate its world"
+    return {name: int(value.sum()) for name, value in states.counts.items()}
+
+
+@pytest.mark.parametrize("gravity", [-9.81, -50.0])
+@pytest.mark.parametrize("held", [1, 20, 100, 1000])
+def test_c_thousand_worlds_thousand_steps(gravity, held):
+    env = maax.make("standard", impl="c", world_params=maax.WorldParams(gravity=gravity))
+    counts = play(env, 1000, 1000, held)
+    assert counts["physics_fault"] < 1
+    assert counts["contact_overflow"] == 0
+    assert counts["layout_invalid"] == 0
+
+
+@pytest.mark.parametrize("gravity", [-9.81, -50.0])
+def test_jax(gravity):
+    env = maax.make("standard", impl="jax", world_params=maax.WorldParams(gravity=gravity))
+    for held in (1, 20, 100, 1000):
+        counts = play(env, 32, 300, held)
+        assert counts["contact_overflow"] == 0
+
+
+@pytest.mark.parametrize("damage", ["nan", "outside", "high", "below"])
+def test_a_fault_is_contained(env_c, damage):
+    worlds = maax.Worlds(env_c, 4, donate=False)
+    states = worlds.reset(jax.random.key(1))
+    action = worlds.sample_action(jax.random.key(2))
+    joint = {"nan": 0, "outside": 0, "high": 2, "below": 2}[damage]
+    value = {"nan": np.nan, "outside": 7.0, "high": 9.0, "below": -2.0}[damage]
+    address = env_c.agents.qpos_ids[1][joint]
+    hurt = states.replace(data=states.data.replace(qpos=states.data.qpos.at[2, address].set(value)))
+    if damage == "nan":
+        hurt = hurt.replace(data=hurt.data.replace(qvel=hurt.data.qvel.at[2, 0].set(0.0)))
+    after, clean = worlds.step(hurt, action), worlds.step(states, action)
+    np.testing.assert_array_equal(after.metrics["physics_fault"], [False, False, True, False])
+    np.testing.assert_array_equal(after.truncated, [False, False, True, False])
+    np.testing.assert_array_equal(after.counts["physics_fault"], [0, 0, 1, 0])
+    assert int(after.step[2]) == 0, "the world was not regenerated"
+    others = np.array([0, 1, 3])
+    np.testing.assert_array_equal(after.data.qpos[others], clean.data.qpos[others])
+    assert np.isfinite(after.data.qpos).all()
+    for name in after.obs:
+        assert np.isfinite(np.asarray(after.obs[name], float)).all()

@@ -1,0 +1,165 @@
+"""The engines against plain MuJoCo, loaded from the files that `to_mjcf` writes."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+from maax_mjx.physics.kinematics import UprightKinematics
+
+N = 64
+HELD = 20
+
+
+def bang_bang(seed, n=N, n_agents=4):
+    return np.random.default_rng(seed).choice([-1.0, 1.0], (n, n_agents, 3)).astype(np.float32)
+
+
+def plain(env, states, i):
+    """World i in plain MuJoCo, from the exported file alone."""
+    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, i))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    return model, data
+
+
+@pytest.fixture(scope="module")
+def pushed(env_c, batch_reset, batch_step):
+    """64 worlds of M after 80 steps of held full force: agents, boxes and ramps in contact with walls."""
+    states = batch_reset(env_c, jax.random.split(jax.random.key(7), N))
+    for t in range(80):
+        states = batch_step(env_c, states, {"move": bang_bang(t // HELD)})
+    return states
+
+
+def test_worlds_differ_in_their_walls(env_c, pushed):
+    ids = env_c.overlay["geom_size"]
+    assert len(ids) == 8
+    sizes = np.asarray(pushed.world.fields["geom_size"])
+    assert len(np.unique(sizes[:, 4:].reshape(N, -1), axis=0)) > N // 2
+
+
+def test_c_follows_plain_mujoco(env_c, pushed, batch_step):
+    states, worlds = pushed, [plain(env_c, pushed, i) for i in range(N)]
+    contacts = 0
+    for t in range(100):
+        action = bang_bang(100 + t // HELD)
+        states = batch_step(env_c, states, {"move": action})
+        for (model, data), move in zip(worlds, action, strict=True):
+            data.ctrl[:] = move.ravel()
+            mujoco.mj_step(model, data)
+            contacts += data.ncon
+        error = np.abs(np.stack([d.qpos for _, d in worlds]) - states.data.qpos).max(axis=1)
+        if t == 0:
+            assert error.max() < 1e-6
+    assert error.max() < 1e-5
+    assert contacts / (100 * N) > 7, "the worlds must be in contact for this to mean anything"
+
+
+def test_poses_are_current_and_those_of_mujoco(env_c, pushed):
+    for i in (0, 5):
+        model, data = plain(env_c, pushed, i)
+        mujoco.mj_kinematics(model, data)
+        for name in ("xpos", "xquat", "geom_xpos", "geom_xmat"):
+            got = np.asarray(getattr(pushed.data, name))[i]
+            want = getattr(data, name).reshape(got.shape)
+            if name == "xquat":
+                want = want * np.sign((want * got).sum(axis=1, keepdims=True))
+            np.testing.assert_allclose(got, want, atol=2e-6, err_msg=name)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_own_kinematics_equal_those_of_mjx(free):
+    env = maax.Base(1, impl="c")
+    env.add_module(maax.WallScenarios("quad"))
+    env.add_module(maax.Agents(1))
+    env.add_module(maax.Boxes(2, free=free))
+    assert UprightKinematics.applies(env.model, env.overlay) is not free
+    state = env.reset(jax.random.key(0))
+    qpos = np.array(state.data.qpos)
+    qpos += np.random.default_rng(0).normal(size=qpos.shape).astype(np.float32)
+    data = env.engine.mjx.kinematics(state.world, state.data.replace(qpos=jnp.asarray(qpos)))
+    model, truth = plain(env, state, None)
+    truth.qpos[:] = qpos
+    mujoco.mj_kinematics(model, truth)
+    np.testing.assert_allclose(data.geom_xpos, truth.geom_xpos, atol=1e-5)
+    np.testing.assert_allclose(data.geom_xmat.reshape(-1, 9), truth.geom_xmat, atol=1e-5)
+
+
+def test_jax_one_step_from_the_same_states(env_c, env_jax, pushed, batch_step):
+    """1,024 states along held-action runs, each stepped once by MJX and once by plain MuJoCo."""
+    states, worlds, errors = pushed, [plain(env_c, pushed, i) for i in range(N)], []
+    for t in range(160):
+        action = bang_bang(200 + t // HELD)
+        if t % 10 == 0:
+            stepped = batch_step(env_jax, states.replace(data=states.data.replace(engine=())), {"move": action})
+            for i, (model, data) in enumerate(worlds):
+                data.qpos[:], data.qvel[:] = states.data.qpos[i], states.data.qvel[i]
+                data.qacc_warmstart[:], data.ctrl[:] = states.data.qacc_warmstart[i], action[i].ravel()
+                mujoco.mj_step(model, data)
+                errors.append(np.abs(data.qpos - stepped.data.qpos[i]).max())
+        states = batch_step(env_c, states, {"move": action})
+    assert len(errors) == 1024
+    assert np.quantile(errors, 0.99) < 1e-4
+
+
+def test_jax_runs_with_mujoco(env_c, env_jax, batch_reset, batch_step):
+    keys = jax.random.split(jax.random.key(3), 16)
+    states = {env: batch_reset(env, keys) for env in (env_c, env_jax)}
+    for t in range(100):
+        for env in states:
+            states[env] = batch_step(env, states[env], {"move": bang_bang(300 + t // HELD, 16)})
+    error = np.abs(states[env_c].data.qpos - states[env_jax].data.qpos).max(axis=1)
+    assert (error < 1e-3).mean() >= 0.75
+
+
+def test_same_keys_same_layouts_on_both_engines(env_c, env_jax, batch_reset):
+    keys = jax.random.split(jax.random.key(11), 16)
+    a, b = batch_reset(env_c, keys), batch_reset(env_jax, keys)
+    np.testing.assert_array_equal(a.data.qpos, b.data.qpos)
+    for name in a.world.fields:
+        np.testing.assert_array_equal(a.world.fields[name], b.world.fields[name])
+
+
+def test_n_frames_are_physics_steps(env_c, pushed, batch_step):
+    thrice = maax.make("standard", impl="c", n_frames=3)
+    action = {"move": bang_bang(1)}
+    once = pushed
+    for _ in range(3):
+        once = batch_step(env_c, once, action)
+    at_once = batch_step(thrice, pushed, action)
+    np.testing.assert_allclose(once.data.qpos, at_once.data.qpos, atol=1e-6)
+    np.testing.assert_allclose(at_once.data.time - pushed.data.time, 0.015, atol=1e-6)
+
+
+def test_gravity_and_timestep_are_used(batch_reset, batch_step):
+    params = maax.WorldParams(gravity=-50.0, timestep=0.002)
+    env = maax.make("standard", impl="c", world_params=params)
+    state = env.reset(jax.random.key(0))
+    model, _ = plain(env, state, None)
+    assert model.opt.gravity[2] == -50.0
+    assert model.opt.timestep == env.model.opt.timestep == 0.002
+
+
+def test_solver_settings(env_c):
+    assert env_c.model.opt.iterations == env_c.model.opt.ls_iterations == 20
+    assert env_c.model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
+    assert env_c.model.opt.timestep == 0.005
+
+
+def test_contact_overflow_is_reported():
+    """With room for four contacts, agents that stand and push have more than that."""
+    env = maax.make("standard", impl="jax")
+    env.spec.numeric("max_contact_points").data = [4]
+    state = jax.jit(env.reset)(jax.random.key(0))
+    step = jax.jit(env.step)
+    flags = []
+    for _ in range(20):
+        state = step(state, {"move": jnp.zeros((4, 3))})
+        flags.append(bool(state.metrics["contact_overflow"]))
+    assert flags[-1]
