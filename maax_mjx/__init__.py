@@ -4,6 +4,7 @@ from maax_mjx.runtime import guard_small_hosts
 
 guard_small_hosts()
 
+from maax_mjx import testing  # noqa: E402
 from maax_mjx.base import Base  # noqa: E402
 from maax_mjx.env import Environment  # noqa: E402
 from maax_mjx.export import to_mjcf  # noqa: E402
@@ -35,6 +36,7 @@ __all__ = [
     "outside_quad_placement",
     "quad_placement",
     "tasks",
+    "testing",
     "to_mjcf",
     "uniform_placement",
 ]

@@ -26,9 +26,7 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
         ValueError: with the free cells, the largest footprint and how many objects of it fit.
     """
     cell = floor_size / grid_size
-    footprints = [
-        (m, [ceil(e - CELL_EPS) for e in (x / cell, y / cell)]) for m in modules for x, y in m.extents
-    ]
+    footprints = [(m, [ceil(e - CELL_EPS) for e in (x / cell, y / cell)]) for m in modules for x, y in m.extents]
     if not footprints:
         return
     module, (width, height) = max(footprints, key=lambda f: f[1][0] * f[1][1])

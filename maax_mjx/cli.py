@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 import jax
 import tyro
@@ -137,14 +136,19 @@ def _summary(env: Environment, states: WorldsState, n: int, steps: int, spent: f
         print(f"  {name:17} {value}")
 
 
-Command = Annotated[Rollout, tyro.conf.subcommand("rollout", description=Rollout.__doc__)]
-
-
 def main() -> None:
     """The entry point: parses the command line and runs the command; a user's mistake exits with 2."""
-    args = tyro.cli(tyro.conf.ConsolidateSubcommandArgs[Command | Annotated[None, tyro.conf.Suppress]])
+    app = tyro.extras.SubcommandApp()
+    app.command(name="rollout")(_rollout)
     try:
-        rollout(args)
+        app.cli(description="maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.")
     except ValueError as error:
         print(f"maax-mjx: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def _rollout(args: tyro.conf.OmitArgPrefixes[Rollout]) -> None:
+    rollout(args)
+
+
+_rollout.__doc__ = Rollout.__doc__

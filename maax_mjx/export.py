@@ -14,6 +14,7 @@ from maax_mjx.env import Environment
 from maax_mjx.physics import overlaid_model
 from maax_mjx.state import State
 
+
 def world_of(state: State, world: int | None = None) -> State:
     """One world of a batch, on the host; a state without a batch as it is.
 

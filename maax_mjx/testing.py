@@ -50,7 +50,9 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
     _same(loop[0], again, "two runs from the same key", exact=True)
     for i, states in enumerate(loop):
         _check_states(env, states, f"world {i}")
-    if _equal(loop[0][0].data.qpos, loop[1][0].data.qpos) and _equal(loop[0][0].world.plan.doors, loop[1][0].world.plan.doors):
+    if _equal(loop[0][0].data.qpos, loop[1][0].data.qpos) and _equal(
+        loop[0][0].world.plan.doors, loop[1][0].world.plan.doors
+    ):
         raise AssertionError("reset gave two different keys the same world")
 
     batch = _run(jax.jit(jax.vmap(env.reset)), jax.jit(jax.vmap(env.step)), keys, actions)
@@ -80,9 +82,10 @@ def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any]) -> list[Stat
 
 def _check_states(env: Environment, states: list[State], where: str) -> None:
     shapes = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)), states[0])
+    structure: Any = jax.tree.structure(states[0])
     for t, state in enumerate(states):
         here = f"{where}, step {t}"
-        if jax.tree.structure(state) != jax.tree.structure(states[0]):
+        if jax.tree.structure(state) != structure:
             raise AssertionError(f"{here}: step changed the tree of the State, so that it cannot be scanned")
         now = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)), state)
         if now != shapes:

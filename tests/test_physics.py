@@ -102,18 +102,21 @@ def test_jax_one_step_from_the_same_states(env_c, env_jax, pushed, batch_step):
                 data.qpos[:], data.qvel[:] = states.data.qpos[i], states.data.qvel[i]
                 data.qacc_warmstart[:], data.ctrl[:] = states.data.qacc_warmstart[i], action[i].ravel()
                 mujoco.mj_step(model, data)
-                errors.append(np.abs(data.qpos - stepped.data.qpos[i]).max())
+                errors.append(np.abs(data.qpos - stepped.data.qpos[i]))
         states = batch_step(env_c, states, {"move": action})
     assert len(errors) == 1024
-    assert np.quantile(errors, 0.99) < 1e-4
+    turns = np.array([env_c.model.joint(j).name.endswith(":yaw") for j in range(env_c.model.njnt)])
+    errors = np.stack(errors)
+    assert np.quantile(errors[:, ~turns].max(axis=1), 0.99) < 1e-4, "metres"
+    assert np.quantile(errors[:, turns].max(axis=1), 0.99) < 1e-3, "radians: contact points along edges differ"
 
 
 def test_jax_runs_with_mujoco(env_c, env_jax, batch_reset, batch_step):
-    keys = jax.random.split(jax.random.key(3), 16)
+    keys = jax.random.split(jax.random.key(3), N)
     states = {env: batch_reset(env, keys) for env in (env_c, env_jax)}
     for t in range(100):
         for env in states:
-            states[env] = batch_step(env, states[env], {"move": bang_bang(300 + t // HELD, 16)})
+            states[env] = batch_step(env, states[env], {"move": bang_bang(20000 + t // HELD)})
     error = np.abs(states[env_c].data.qpos - states[env_jax].data.qpos).max(axis=1)
     assert (error < 1e-3).mean() >= 0.75
 

@@ -29,6 +29,7 @@ from tqdm import tqdm
 import maax_mjx as maax
 from maax_mjx.base import Base
 from maax_mjx.parallel import WorldsState
+from maax_mjx.physics.c_engine import CEngine
 
 ROUNDS = 8
 PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "numpy")
@@ -86,7 +87,7 @@ def draw_actions(env: Base, n_worlds: int, steps: int, held: int) -> list[dict[s
 def bare_stepper(env: Base, states: WorldsState) -> Callable[[dict[str, jax.Array]], Any]:
     """A function that steps the bare engine from these states and returns what to wait for."""
     n_worlds = states.step.shape[0]
-    if env.engine.impl == "c":
+    if isinstance(env.engine, CEngine):
         batch = Batch(env.engine.c_model, n_worlds)
         for name, ids in env.overlay.items():
             batch.expand(name)[:, ids] = states.world.fields[name]

@@ -28,9 +28,7 @@ class Grid(struct.PyTreeNode):
     def create(cls, grid_size: int, floor_size: jax.Array | float) -> Grid:
         """An empty grid of `grid_size` x `grid_size` cells over a floor of `floor_size` metres."""
         side = grid_size + 1
-        return cls(
-            integral=jnp.zeros((side, side), jnp.int32), cell=jnp.asarray(floor_size, jnp.float32) / grid_size
-        )
+        return cls(integral=jnp.zeros((side, side), jnp.int32), cell=jnp.asarray(floor_size, jnp.float32) / grid_size)
 
     @property
     def size(self) -> int:

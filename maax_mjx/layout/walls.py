@@ -89,9 +89,7 @@ def opening(wall: Wall, cell: jax.Array) -> jax.Array:
 
 def mark_wall(grid: Grid, wall: Wall) -> Grid:
     """Marks the wall's cells, its doorway included: nothing is placed in a doorway."""
-    corner = jnp.where(
-        wall.axis == VERTICAL, jnp.stack([wall.line, wall.start]), jnp.stack([wall.start, wall.line])
-    )
+    corner = jnp.where(wall.axis == VERTICAL, jnp.stack([wall.line, wall.start]), jnp.stack([wall.start, wall.line]))
     length = wall.end - wall.start + 1
     one = jnp.ones_like(length)
     cells = jnp.where(wall.axis == VERTICAL, jnp.stack([one, length]), jnp.stack([length, one]))

@@ -66,7 +66,8 @@ class Agents(Entities):
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """`agent_qpos_qvel` (n, 8): x, y, z, yaw and their velocities; `agent_pos` (n, 3);
-        `agent_angle` (n, 1): heading, yaw - pi/2 wrapped to [-pi, pi)."""
+        `agent_angle` (n, 1): heading, yaw - pi/2 wrapped to [-pi, pi).
+        """
         active = world.active[self.kind][:, None]
         qpos, qvel = data.qpos[self.qpos_ids], data.qvel[self.qvel_ids]
         heading = jnp.mod(qpos[:, 3:] + jnp.pi / 2, 2 * jnp.pi) - jnp.pi

@@ -96,9 +96,10 @@ class Entities(Module):
             return layout.replace(active=layout.active | {self.kind: jnp.zeros(0, bool)})
         wanted = jnp.arange(self.n_max) < params.draw_count(jax.random.fold_in(key, self.n_max), self.count_name)
         seeds = layout.seeds(key, self.n_max)
+        extent = jnp.asarray(self.extent[:2])
         centres, placed = [], []
         for i, fn in enumerate(self.placement_fns):
-            layout, centre, ok = layout.place(seeds[i], self.extent[:2], fn, wanted[i])
+            layout, centre, ok = layout.place(seeds[i], extent, fn, wanted[i])
             centres.append(centre)
             placed.append(ok)
         active = jnp.stack(placed)
@@ -115,7 +116,8 @@ class Entities(Module):
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """`<kind>_obs` (n_max, 9): position, cos and sin of yaw, velocities; with free joints (n_max, 15): position,
-        the first two columns of the rotation matrix, velocities. `<kind>_mask` (n_max,). Absent ones are zero."""
+        the first two columns of the rotation matrix, velocities. `<kind>_mask` (n_max,). Absent ones are zero.
+        """
         if not self.n_max:
             return {}
         active = world.active[self.kind]

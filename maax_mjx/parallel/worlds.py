@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.checks import check_count, check_key
+from maax_mjx.checks import check_count, check_key, is_traced
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
 from maax_mjx.spaces import check_action
@@ -80,9 +80,7 @@ class Worlds:
         self._step: Callable = jax.jit(self.step_fn, donate_argnums=0 if donate else ())
         self._sample = jax.jit(lambda key: jax.vmap(env.sample_action)(jax.random.split(key, self.n_worlds)))
 
-    def reset(
-        self, key: jax.Array, params: DomainParams | None = None, *, stagger: bool = False
-    ) -> WorldsState:
+    def reset(self, key: jax.Array, params: DomainParams | None = None, *, stagger: bool = False) -> WorldsState:
         """Draws all worlds.
 
         Args:
@@ -111,12 +109,11 @@ class Worlds:
             ValueError: an action of a wrong shape, or with NaN.
             RuntimeError: states that were donated to an earlier call.
         """
-        if isinstance(states.step, jax.Array) and not isinstance(states.step, jax.core.Tracer):
-            if states.step.is_deleted():
-                raise RuntimeError(
-                    "states: these were donated to an earlier Worlds.step and their memory is in use again; "
-                    "keep its result instead, or make Worlds(..., donate=False)"
-                )
+        if not is_traced(states.step) and states.step.is_deleted():
+            raise RuntimeError(
+                "states: these were donated to an earlier Worlds.step and their memory is in use again; "
+                "keep its result instead, or make Worlds(..., donate=False)"
+            )
         check_action(self.env.action_space, action, (self.n_worlds,))
         return self._step(states, action)
 
@@ -132,9 +129,7 @@ class Worlds:
         """
         self.env.base.check_params(params)
         params = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.n_worlds, 2)), params)
-        return states.replace(
-            params=params, upcoming=states.upcoming.replace(stale=jnp.ones(self.n_worlds, bool))
-        )
+        return states.replace(params=params, upcoming=states.upcoming.replace(stale=jnp.ones(self.n_worlds, bool)))
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """A uniform random action for every world."""

@@ -13,7 +13,6 @@ from maax_mjx.physics.data import Data
 from maax_mjx.physics.mjx_model import MjxModel
 from maax_mjx.physics.world import Overlay, World
 
-
 STATE = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "xfrc_applied")
 """The fields of `Data` that a step starts from, besides `eq_active`."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from maax_mjx.physics.data import Data
 
@@ -12,7 +13,7 @@ AGENT_CEILING = 3.0
 
 
 def find_fault(
-    data: Data, floor_size: float, bodies: jax.Array, active: jax.Array, agents: jax.Array, agents_active: jax.Array
+    data: Data, floor_size: float, bodies: np.ndarray, active: jax.Array, agents: np.ndarray, agents_active: jax.Array
 ) -> jax.Array:
     """Whether a world's physics went wrong.
 
@@ -40,7 +41,5 @@ def contain(fault: jax.Array, before: Data, after: Data) -> Data:
     held = before.replace(
         qvel=jnp.zeros_like(before.qvel), qacc_warmstart=jnp.zeros_like(before.qacc_warmstart), engine=after.engine
     )
-    public = jax.tree.map(
-        lambda a, b: jnp.where(fault, a, b), held.replace(engine=()), after.replace(engine=())
-    )
+    public = jax.tree.map(lambda a, b: jnp.where(fault, a, b), held.replace(engine=()), after.replace(engine=()))
     return public.replace(engine=after.engine)

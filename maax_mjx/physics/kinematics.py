@@ -6,7 +6,6 @@ several times as long on a CPU, where it would be a fifth of an env step with th
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np

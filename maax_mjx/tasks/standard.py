@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from maax_mjx.base import Base
 from maax_mjx.checks import check_count
-from maax_mjx.layout import outside_quad_placement, quad_placement, uniform_placement
+from maax_mjx.layout import PlacementFn, outside_quad_placement, quad_placement, uniform_placement
 from maax_mjx.modules import Agents, Boxes, Ramps, WallScenarios
 from maax_mjx.worldgen import WorldParams
 
@@ -42,7 +42,8 @@ def standard(
         raise ValueError("n_hiders, n_seekers: got 0 and 0; takes at least one agent in all")
     n_agents = n_hiders + n_seekers
     env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params)
-    inside, outside = uniform_placement, uniform_placement
+    inside: PlacementFn = uniform_placement
+    outside: PlacementFn = uniform_placement
     if scenario == "quad":
         inside, outside = quad_placement, outside_quad_placement
     env.add_module(WallScenarios(scenario, door_size))

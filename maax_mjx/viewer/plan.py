@@ -120,7 +120,7 @@ def _draw_geom(ax: Axes, model: mujoco.MjModel, state: State, geom: int, zorder:
     size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
     style = dict(facecolor=model.geom_rgba[geom], edgecolor=EDGE, linewidth=0.6, zorder=zorder)
     if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CYLINDER):
-        ax.add_patch(Circle(pos[:2], size[0], **style))
+        ax.add_patch(Circle((pos[0], pos[1]), size[0], **style))
         return
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * size

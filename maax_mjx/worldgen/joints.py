@@ -12,9 +12,7 @@ import numpy as np
 SLIDES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
-def add_body(
-    spec: mujoco.MjSpec, name: str, centre: np.ndarray, *, free: bool, damping: float
-) -> mujoco.MjsBody:
+def add_body(spec: mujoco.MjSpec, name: str, centre: np.ndarray, *, free: bool, damping: float) -> mujoco.MjsBody:
     """Adds a movable body with joints `<name>:x|y|z|yaw`, or one `<name>:free`.
 
     Args:

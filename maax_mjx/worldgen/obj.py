@@ -62,6 +62,7 @@ class Obj:
     def __init__(self, name: str | None = None):
         self.name = name
         self.static = False
+        self._has_parent = False
         self.children: list[Child] = []
         self._relative: list[Vec3] = []
 
@@ -78,7 +79,7 @@ class Obj:
         """
         if placement_xy is not None and not all(0.0 <= f <= 1.0 for f in placement_xy):
             raise ValueError(f"placement_xy: got {placement_xy}; takes two fractions in [0, 1]")
-        if getattr(obj, "_has_parent", False):
+        if obj._has_parent:
             raise ValueError(f"obj: {obj.name or obj.kind} already has a parent; append a new object")
         obj._has_parent = True
         self.children.append(Child(obj, placement_name, placement_xy))
