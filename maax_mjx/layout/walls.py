@@ -53,6 +53,16 @@ def cut_door(key: jax.Array, wall: Wall, door_cells: int) -> Wall:
     return wall.replace(door_start=start, door_cells=jnp.asarray(door_cells, jnp.int32))
 
 
+def _opening_ends(wall: Wall, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Where along the wall its true opening begins and ends, in metres; of use only with a door."""
+    half = thickness(cell) / 2
+    # A door in the first or last place leaves no wall cell beside it but the one that the next wall shares, of which a
+    # post one thickness wide stays: that wall may end in a door there, too.
+    low = jnp.maximum((wall.door_start - 0.5) * cell - half, (wall.start + 0.5) * cell + half)
+    high = jnp.minimum((wall.door_start + wall.door_cells + 0.5) * cell + half, (wall.end + 0.5) * cell - half)
+    return low, high
+
+
 def segments(wall: Wall, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
     """The wall's two pieces, before and after its door.
 
@@ -61,27 +71,20 @@ def segments(wall: Wall, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
         present: (2,) bool; without a door the first piece is the whole wall.
     """
     half = thickness(cell) / 2
-
-    def centre(k: jax.Array) -> jax.Array:
-        return (k + 0.5) * cell
-
     has_door = wall.door_cells > 0
-    first_end = jnp.where(has_door, centre(wall.door_start - 1) - half, centre(wall.end) + half)
-    along0 = jnp.stack([centre(wall.start) - half, centre(wall.door_start + wall.door_cells) + half])
-    along1 = jnp.stack([first_end, centre(wall.end) + half])
-    present = jnp.stack([first_end > along0[0] + half, has_door & (along1[1] > along0[1] + half)])
-    across0, across1 = jnp.full(2, centre(wall.line) - half), jnp.full(2, centre(wall.line) + half)
+    low, high = _opening_ends(wall, cell)
+    start, end = (wall.start + 0.5) * cell - half, (wall.end + 0.5) * cell + half
+    along0, along1 = jnp.stack([start, high]), jnp.stack([jnp.where(has_door, low, end), end])
+    across = (wall.line + 0.5) * cell
+    across0, across1 = jnp.full(2, across - half), jnp.full(2, across + half)
     vertical = jnp.stack([across0, along0, across1, along1], axis=1)
     horizontal = jnp.stack([along0, across0, along1, across1], axis=1)
-    return jnp.where(wall.axis == VERTICAL, vertical, horizontal), present
+    return jnp.where(wall.axis == VERTICAL, vertical, horizontal), jnp.stack([jnp.ones((), bool), has_door])
 
 
 def opening(wall: Wall, cell: jax.Array) -> jax.Array:
     """(3,) x, y of the middle and the width of the true opening in metres; zeros without a door."""
-    half = thickness(cell) / 2
-    # Next to a door in its first or last place no piece of this wall is left, but the wall that it meets is.
-    low = jnp.maximum((wall.door_start - 0.5) * cell - half, (wall.start + 0.5) * cell + half)
-    high = jnp.minimum((wall.door_start + wall.door_cells + 0.5) * cell + half, (wall.end + 0.5) * cell - half)
+    low, high = _opening_ends(wall, cell)
     along, across = (low + high) / 2, (wall.line + 0.5) * cell
     middle = jnp.where(wall.axis == VERTICAL, jnp.stack([across, along]), jnp.stack([along, across]))
     return jnp.where(wall.door_cells > 0, jnp.append(middle, high - low), 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import mujoco
@@ -28,10 +27,10 @@ class WorldParams:
     ls_iterations: int = 20
 
     def __post_init__(self) -> None:
-        if self.timestep <= 0:
+        if not self.timestep > 0:
             raise ValueError(f"timestep: got {self.timestep}; takes a positive number of seconds")
         for name in ("iterations", "ls_iterations"):
-            if getattr(self, name) < 1:
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
                 raise ValueError(f"{name}: got {getattr(self, name)}; takes a whole number of at least 1")
 
 
@@ -65,7 +64,7 @@ class WorldBuilder(Obj):
         if not self.children:
             raise ValueError("WorldBuilder: got no floor; append a Floor first")
         root = self.children[0].obj
-        root.assign_names(Counter())
+        root.assign_names(root.given_names())
         root.generate(np.random.default_rng(self.seed))
         root.locate(np.zeros(3))
         spec = mujoco.MjSpec()

@@ -32,7 +32,7 @@ class Floor(Obj):
         rgba: tuple[float, ...] = (0.93, 0.93, 0.9, 1.0),
     ):
         super().__init__("floor")
-        if size <= 0:
+        if not 0 < size < np.inf:
             raise ValueError(f"size: got {size}; takes a positive length in metres")
         self.edge, self.friction, self.rgba = float(size), friction, rgba
 

@@ -51,9 +51,12 @@ class ObjFromXML(Obj):
     def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
         source = self._source.copy()
         source.delete(source.body(OUTER_BOUND))
+        if self.static:
+            for element in [*source.actuators, *source.joints]:
+                source.delete(element)
         spec.attach(source, prefix=f"{self.name}:", frame=parent.add_frame())
         body = spec.body(f"{self.name}:{MAIN}")
-        body.pos = self.centre
+        body.pos = self.centre - parent.pos
         refer_slides(body, self.centre)
         for element in [body, *body.geoms]:
             if element.name == f"{self.name}:{MAIN}":

@@ -54,7 +54,7 @@ class Geom(Obj):
             raise ValueError(f"geom_type: got {geom_type!r}; takes one of {sorted(TYPES)}")
         n_extents = {"box": 3, "sphere": 1, "cylinder": 2}[geom_type]
         low, high = np.asarray(min_size, float), np.asarray(min_size if max_size is None else max_size, float)
-        if low.shape != (n_extents,) or high.shape != (n_extents,) or (low <= 0).any() or (high < low).any():
+        if low.shape != (n_extents,) or high.shape != (n_extents,) or not (0 < low).all() or not (low <= high).all():
             raise ValueError(
                 f"min_size, max_size: got {min_size}, {max_size}; a {geom_type} takes {n_extents} positive extents "
                 "in metres, min_size <= max_size"
@@ -103,7 +103,7 @@ class Wedge(Obj):
         rgba: Sequence[float] = (0.9, 0.8, 0.3, 1.0),
     ):
         super().__init__(name)
-        if extent <= 0:
+        if not extent > 0:
             raise ValueError(f"extent: got {extent}; takes a positive length in metres")
         self.extent, self.mass, self.friction = extent, mass, friction
         self.damping, self.free, self.rgba = damping, free, rgba
@@ -130,7 +130,7 @@ def write_geom(obj: Geom | Wedge, spec: mujoco.MjSpec, parent: mujoco.MjsBody, f
     """Adds the geom of a single-geom object: to the parent if the object is static, else to a body of its own."""
     assert obj.name is not None
     if obj.static:
-        body, fields = parent, fields | {"pos": obj.centre}
+        body, fields = parent, fields | {"pos": obj.centre - parent.pos}
     else:
         body = add_body(spec, obj.name, obj.centre, free=obj.free, damping=obj.damping)
         fields = fields | {"mass": obj.mass}

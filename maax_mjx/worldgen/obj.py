@@ -77,7 +77,7 @@ class Obj:
         Raises:
             ValueError: the object already has a parent, or `placement_xy` is outside [0, 1].
         """
-        if placement_xy is not None and not all(0.0 <= f <= 1.0 for f in placement_xy):
+        if placement_xy is not None and not (len(placement_xy) == 2 and all(0.0 <= f <= 1.0 for f in placement_xy)):
             raise ValueError(f"placement_xy: got {placement_xy}; takes two fractions in [0, 1]")
         if obj._has_parent:
             raise ValueError(f"obj: {obj.name or obj.kind} already has a parent; append a new object")
@@ -91,12 +91,19 @@ class Obj:
         return self
 
     def assign_names(self, counters: Counter[str]) -> None:
-        """Phase 2: names every unnamed object "<kind><index>", counted over the whole tree."""
-        if self.name is None:
-            self.name = f"{self.kind}{counters[self.kind]}"
+        """Phase 2: names every unnamed object "<kind><index>", counted over the whole tree, past `given_names`."""
+        while self.name is None:
+            name = f"{self.kind}{counters[self.kind]}"
             counters[self.kind] += 1
+            if not counters[name]:
+                self.name = name
         for child in self.children:
             child.obj.assign_names(counters)
+
+    def given_names(self) -> Counter[str]:
+        """The names that are given in this object's tree already."""
+        own = Counter([self.name]) if self.name else Counter()
+        return sum((child.obj.given_names() for child in self.children), own)
 
     def generate(self, rng: np.random.Generator) -> None:
         """Phase 3: draws this object's size, then its children's sizes and relative positions.
@@ -147,7 +154,8 @@ class Obj:
     def _place(self, ids: list[int], name: str, placement: Placement, rng: np.random.Generator) -> None:
         done: list[tuple[Vec3, Vec3]] = []
         height = 0.0
-        for i in ids:
+        # Given places first, so that drawn ones keep clear of them.
+        for i in sorted(ids, key=lambda i: self.children[i].xy is None):
             child = self.children[i]
             span = placement.size[:2] - child.obj.size[:2]
             if (span < 0).any():
