@@ -126,9 +126,9 @@ def test_random_placement_never_overlaps():
 def test_random_placement_avoids_given_places():
     for seed in SEEDS:
         builder = WorldBuilder(seed=seed)
-        floor = builder.append(Floor(4.0))
-        floor.append(Geom("box", (1, 1, 1)))
-        floor.append(Geom("box", (1, 1, 1)), placement_xy=(0.5, 0.5))
+        floor = builder.append(Floor(3.0))
+        floor.append(Geom("box", (0.8, 0.8, 1)))
+        floor.append(Geom("box", (0.8, 0.8, 1)), placement_xy=(0.5, 0.5))
         assert overlapping_pairs(*compiled(builder)) == (0, False)
 
 
