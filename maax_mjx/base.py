@@ -72,7 +72,9 @@ class Base(Environment):
         self.floor_size = check_positive("floor_size", floor_size)
         self.horizon = check_count("horizon", horizon, minimum=1)
         self.impl = check_impl(impl)
-        self.world_params = world_params or WorldParams()
+        self.world_params = WorldParams() if world_params is None else world_params
+        if not isinstance(self.world_params, WorldParams):
+            raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
         self._modules: dict[str, Module] = {}
 
     # --- composition -------------------------------------------------------------------------------------------
@@ -100,6 +102,10 @@ class Base(Environment):
             raise ValueError(
                 f"placement_fn: {type(module).__name__} places by the quadrant and there is none; "
                 'add WallScenarios(scenario="quad") before it'
+            )
+        if module.wall_cells(self.grid_size) and any(m.extents for m in self._modules.values()):
+            raise ValueError(
+                f"module: {type(module).__name__} comes after what it would be built over; add walls first"
             )
         module.check(self.grid_size, self.floor_size)
         check_room([*self._modules.values(), module], self.grid_size, self.floor_size)

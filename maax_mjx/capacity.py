@@ -35,7 +35,7 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
     if max(width, height) > grid_size or len(footprints) > room:
         counts = ", ".join(f"{len(m.extents)} {m.name}" for m in modules if m.extents)
         raise ValueError(
-            f"{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "
+            f"n_{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "
             f"cells over a largest footprint of {width} x {height} cells, of which random placement fills "
             f"{JAMMING:.0%}"
         )

@@ -43,6 +43,13 @@ def check_positive(name: str, value: Any) -> float:
     return float(value)
 
 
+def check_friction(name: str, value: Any) -> float | None:
+    """A sliding friction that is not negative, or None for MuJoCo's default."""
+    if value is not None and (not isinstance(value, int | float) or not 0 <= value < float("inf")):
+        raise ValueError(f"{name}: got {value!r}; takes a number of at least 0, or None")
+    return value
+
+
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     """One of some names; suggests the nearest."""
     choices = sorted(choices)
@@ -55,6 +62,8 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
 
 def check_per_object(name: str, value: Callable | Sequence[Callable], n: int) -> list[Callable]:
     """One function for all of `n` objects, or a list with one for each."""
+    if not callable(value) and (not isinstance(value, Sequence) or isinstance(value, str)):
+        raise ValueError(f"{name}: got {value!r}; takes a function (layout, cells) -> weights, or a list of {n}")
     fns = [value] * n if callable(value) else list(value)
     if len(fns) != n:
         raise ValueError(f"{name}: got a list of {len(fns)}; takes one function, or a list of {n}, one per object")

@@ -26,7 +26,7 @@ def world_of(state: State, world: int | None = None) -> State:
         if world is not None:
             raise ValueError(f"world: got {world}; the state is of a single world and takes None")
         return jax.device_get(state)
-    if world is None or not -shape[0] <= world < shape[0]:
+    if isinstance(world, bool) or not isinstance(world, int) or not -shape[0] <= world < shape[0]:
         raise ValueError(f"world: got {world}; the state is a batch and takes an index below {shape[0]}")
     return jax.device_get(_take(State(**{name: getattr(state, name) for name in _FIELDS}), world % shape[0]))
 

@@ -47,12 +47,14 @@ class DomainParams(Mapping[str, jax.Array]):
         """The params with some ranges changed; a single number is a range of one value.
 
         Raises:
-            ValueError: an unknown name.
+            ValueError: an unknown name, or values that are not whole numbers.
         """
         new = dict(self._ranges)
         for name, value in ranges.items():
             check_choice("DomainParams.replace", name, new)
-            array = jnp.asarray(value, jnp.asarray(new[name]).dtype)
+            if not is_traced(value) and np.asarray(value).dtype.kind not in "iu":
+                raise ValueError(f"{name}: got {value!r}; takes a whole number, or (low, high) of whole numbers")
+            array = jnp.asarray(value, jnp.int32)
             new[name] = jnp.stack([array, array]) if array.ndim == 0 else array
         return DomainParams(new)
 
@@ -96,10 +98,15 @@ def params_in_bounds(params: DomainParams, parameters: Mapping[str, Parameter]) 
     return jnp.all(jnp.stack([jnp.asarray(v) for v in ok])) if ok else jnp.ones((), bool)
 
 
-def check_params(params: DomainParams, parameters: Mapping[str, Parameter]) -> None:
+def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead: tuple[int, ...] = ()) -> None:
     """Refuses params that do not belong to these parameters, or that leave their bounds.
 
     Values are looked at only outside traced code.
+
+    Args:
+        params: ranges with leaves (2,) or (*lead, 2).
+        parameters: what can be randomised.
+        lead: (n_worlds,) where every world may have a range of its own.
 
     Raises:
         ValueError: naming the parameter, its value and its bound.
@@ -109,13 +116,17 @@ def check_params(params: DomainParams, parameters: Mapping[str, Parameter]) -> N
     if set(params) != set(parameters):
         raise ValueError(f"params: got ranges for {sorted(params)}; takes exactly {sorted(parameters)}")
     for name, p in parameters.items():
-        if jnp.shape(params[name])[-1:] != (2,):
-            raise ValueError(f"params: {name} has shape {jnp.shape(params[name])}; takes (2,) or (n_worlds, 2)")
+        if jnp.shape(params[name]) not in ((2,), (*lead, 2)):
+            takes = " or ".join(map(str, dict.fromkeys([(2,), (*lead, 2)])))
+            raise ValueError(f"params: {name} has shape {jnp.shape(params[name])}; takes {takes}")
+        if not jnp.issubdtype(jnp.result_type(params[name]), jnp.integer):
+            raise ValueError(f"params: {name} has dtype {jnp.result_type(params[name])}; takes whole numbers")
         if is_traced(params[name]):
             continue
-        value = np.asarray(params[name])
-        low, high = value[..., 0].min(), value[..., 1].max()
-        if (value[..., 0] > value[..., 1]).any() or low < p.bound[0] or high > p.bound[1]:
+        value = np.asarray(params[name]).reshape(-1, 2)
+        wrong = (value[:, 0] > value[:, 1]) | (value[:, 0] < p.bound[0]) | (value[:, 1] > p.bound[1])
+        if wrong.any():
+            low, high = value[wrong.argmax()]
             raise ValueError(
                 f"params: {name} is ({low}, {high}); takes (low, high) with "
                 f"{p.bound[0]} <= low <= high <= {p.bound[1]}, the maximum the environment was built with"

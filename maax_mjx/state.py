@@ -17,7 +17,7 @@ class State(struct.PyTreeNode):
     Attributes:
         data: the physics.
         world: in what this world differs from the compiled model, and its room plan.
-        params: the ranges that it was drawn from.
+        params: the ranges that it was drawn from; in a batch whose ranges were changed, that the next will be.
         obs: observations by name.
         reward: (n_agents,) of the step that led here.
         terminated: () bool, the episode ended by the game's rules.

@@ -1,8 +1,8 @@
 """How much an env step costs over a bare engine step: `python -m maax_mjx.benchmarks.step --help`.
 
 Both step the same model in the same batch, in turns within one run, under the same actions. Bare is the engine alone:
-`mujoco.batch.Batch.step` for `c`, a jitted, vmapped `mjx.step` that carries its mjx.Data for `jax`. An env step adds
-the overlay, fault containment, observations and automatic resets with new layouts.
+a loop of `mujoco.batch.Batch.step` for `c`, a scanned, vmapped `mjx.step` that carries its mjx.Data for `jax`. An env
+step adds the overlay, fault containment, poses, observations and automatic resets with new layouts; it is scanned too.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from maax_mjx.parallel import WorldsState
 from maax_mjx.physics.c_engine import CEngine
 
 ROUNDS = 8
+DISTINCT = 16
 PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "numpy")
 
 
@@ -73,85 +74,97 @@ class Row:
     layouts_invalid: int
 
 
-def draw_actions(env: Base, n_worlds: int, steps: int, held: int) -> list[dict[str, jax.Array]]:
-    """Full-range actions for every step: bang-bang where held, uniform where redrawn."""
+def draw_actions(env: Base, n_worlds: int, held: int) -> np.ndarray:
+    """(DISTINCT, n_worlds, n_agents, 3) full-range actions: bang-bang where they are held, uniform where redrawn."""
     rng = np.random.default_rng(0)
-    shape = (n_worlds, env.n_agents, 3)
-    distinct = []
-    for _ in range(min(-(-steps // held), 64)):
-        move = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
-        distinct.append({"move": jnp.asarray(move, jnp.float32)})
-    return [distinct[(i // held) % len(distinct)] for i in range(steps)]
+    shape = (DISTINCT, n_worlds, env.n_agents, 3)
+    moves = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
+    return moves.astype(np.float32)
 
 
-def bare_stepper(env: Base, states: WorldsState) -> Callable[[dict[str, jax.Array]], Any]:
-    """A function that steps the bare engine from these states and returns what to wait for."""
+Turn = Callable[[np.ndarray], None]
+"""Steps once for every index of an array of step numbers, and waits for the result."""
+
+
+def env_turn(worlds: maax.Worlds, states: WorldsState, moves: np.ndarray, held: int) -> tuple[Turn, list[WorldsState]]:
+    """Env steps with automatic resets, scanned as a training loop scans them; the latest states are in the list."""
+    on_device = jnp.asarray(moves)
+    latest = [states]
+
+    def step(states: WorldsState, i: jax.Array) -> tuple[WorldsState, None]:
+        return worlds.step_fn(states, {"move": on_device[i // held % DISTINCT]}), None
+
+    roll = jax.jit(lambda states, steps: jax.lax.scan(step, states, steps)[0], donate_argnums=0)
+
+    def turn(steps: np.ndarray) -> None:
+        latest[0] = jax.block_until_ready(roll(latest[0], jnp.asarray(steps)))
+
+    return turn, latest
+
+
+def bare_turn(env: Base, states: WorldsState, moves: np.ndarray, held: int) -> Turn:
+    """The engine alone from the same worlds: no overlay writes, resets, observations or checks."""
     n_worlds = states.step.shape[0]
-    if isinstance(env.engine, CEngine):
-        batch = Batch(env.engine.c_model, n_worlds)
-        for name, ids in env.overlay.items():
-            batch.expand(name)[:, ids] = states.world.fields[name]
-        batch.qpos[...] = np.asarray(states.data.qpos)
-
-        def step_c(action: dict[str, jax.Array]) -> None:
-            batch.ctrl[:, ctrl_ids] = np.asarray(action["move"]).reshape(n_worlds, -1)
-            batch.step()
-
-        ctrl_ids = env.agents.ctrl_ids.reshape(-1)
-        return step_c
-
-    model = env.engine.mjx
     ids = env.agents.ctrl_ids.reshape(-1)
+    engine = env.engine
+    if isinstance(engine, CEngine):
+        batch = Batch(engine.c_model, n_worlds)
+        for name, rows in env.overlay.items():
+            batch.expand(name)[:, rows] = states.world.fields[name]
+        batch.qpos[...] = np.asarray(states.data.qpos)
+        controls = moves.reshape(DISTINCT, n_worlds, -1).astype(float)
 
-    def step_one(world: Any, data: mjx.Data, move: jax.Array) -> mjx.Data:
-        return mjx.step(model.overlay(world), data.replace(ctrl=data.ctrl.at[ids].set(move.reshape(-1))))
+        def turn_c(steps: np.ndarray) -> None:
+            for i in steps:
+                batch.ctrl[:, ids] = controls[i // held % DISTINCT]
+                batch.step()
 
-    jitted = jax.jit(jax.vmap(step_one), donate_argnums=1)
+        return turn_c
+
+    on_device = jnp.asarray(moves.reshape(DISTINCT, n_worlds, -1))
     world = jax.tree.map(jnp.copy, states.world)
-    held = {"data": jax.jit(jax.vmap(model.data))(jax.tree.map(jnp.copy, states.data))}
+    latest = [jax.jit(jax.vmap(engine.mjx.data))(states.data)]
 
-    def step_mjx(action: dict[str, jax.Array]) -> jax.Array:
-        held["data"] = jitted(world, held["data"], action["move"])
-        return held["data"].qpos
+    def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
+        data = data.replace(ctrl=data.ctrl.at[:, ids].set(on_device[i // held % DISTINCT]))
+        return jax.vmap(lambda w, d: mjx.step(engine.mjx.overlay(w), d))(world, data), None
 
-    return step_mjx
+    roll = jax.jit(lambda data, steps: jax.lax.scan(step, data, steps)[0], donate_argnums=0)
+
+    def turn(steps: np.ndarray) -> None:
+        latest[0] = jax.block_until_ready(roll(latest[0], jnp.asarray(steps)))
+
+    return turn
 
 
 def measure(impl: str, n_worlds: int, stagger: bool, held: int, config: Config) -> Row:
     """Times env steps and bare steps in turns."""
-    env = maax.make("standard", impl=impl, horizon=config.horizon)
-    assert isinstance(env, Base)
+    env = maax.make("standard", impl=impl, horizon=config.horizon).base
     worlds = maax.Worlds(env, n_worlds)
     states = worlds.reset(jax.random.key(0), stagger=stagger)
-    bare = bare_stepper(env, states)
-    actions = draw_actions(env, n_worlds, config.steps, held)
-    jax.block_until_ready(bare(actions[0]))
-    states = jax.block_until_ready(worlds.step(states, actions[0]))
+    moves = draw_actions(env, n_worlds, held)
+    bare = bare_turn(env, states, moves, held)
+    stepped, latest = env_turn(worlds, states, moves, held)
     spent = {"env": 0.0, "bare": 0.0}
-    turns = np.array_split(np.arange(config.steps), ROUNDS)
+    turns = np.arange(config.steps // ROUNDS * ROUNDS).reshape(ROUNDS, -1)
+    for turn in (stepped, bare):  # compiles
+        turn(turns[0])
     label = f"{impl} {n_worlds} {'staggered' if stagger else 'lockstep'} held {held}"
-    for turn in tqdm(turns, desc=label, unit="turn", leave=False):
-        start = time.perf_counter()
-        for i in turn:
-            states = worlds.step(states, actions[i])
-        jax.block_until_ready(states)
-        middle = time.perf_counter()
-        last = None
-        for i in turn:
-            last = bare(actions[i])
-        jax.block_until_ready(last)
-        spent["env"] += middle - start
-        spent["bare"] += time.perf_counter() - middle
-    counts = {name: int(value.sum()) for name, value in states.counts.items()}
-    total = n_worlds * config.steps
+    for steps in tqdm(turns, desc=label, unit="turn", leave=False):
+        for name, turn in (("env", stepped), ("bare", bare)):
+            start = time.perf_counter()
+            turn(steps)
+            spent[name] += time.perf_counter() - start
+    counts = {name: int(value.sum()) for name, value in latest[0].counts.items()}
+    total = n_worlds * turns.size
     return Row(
         impl=impl,
         worlds=n_worlds,
         episodes="staggered" if stagger else "lockstep",
         held=held,
-        env_steps_per_s=total / spent["env"],
-        bare_steps_per_s=total / spent["bare"],
-        ratio=spent["bare"] / spent["env"],
+        env_steps_per_s=round(total / spent["env"]),
+        bare_steps_per_s=round(total / spent["bare"]),
+        ratio=round(spent["bare"] / spent["env"], 3),
         episodes_ended=counts["episodes"],
         physics_faults=counts["physics_fault"],
         contact_overflows=counts["contact_overflow"],

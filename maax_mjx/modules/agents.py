@@ -48,8 +48,9 @@ class Agents(Entities):
     ):
         n_agents = check_count("n_agents", n_agents, minimum=1)
         super().__init__(n_agents, (DIAMETER, DIAMETER, DIAMETER), placement_fn, minimum=1)
-        self.colors = [(0.5, 0.5, 0.5, 1.0)] * n_agents if colors is None else [tuple(c) for c in colors]
-        if len(self.colors) != n_agents or any(len(c) != 4 for c in self.colors):
+        colors = [(0.5, 0.5, 0.5, 1.0)] * n_agents if colors is None else colors
+        self.colors = np.asarray(colors, float) if isinstance(colors, Sequence) else np.zeros(0)
+        if self.colors.shape != (n_agents, 4):
             raise ValueError(f"colors: got {colors!r}; takes {n_agents} colours of four numbers, one per agent")
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from maax_mjx.checks import check_positive
+from maax_mjx.checks import check_friction, check_positive
 from maax_mjx.layout import PlacementFn, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.worldgen import Geom, Obj, Wedge
@@ -40,7 +40,7 @@ class Boxes(Entities):
         free: bool = False,
     ):
         super().__init__(n_boxes, [check_positive("box_size", box_size)] * 3, placement_fn, free=free)
-        self.friction = box_friction
+        self.friction = check_friction("box_friction", box_friction)
 
     def make(self, name: str) -> Obj:
         size = [float(e) for e in self.extent]
@@ -73,7 +73,7 @@ class Ramps(Entities):
         free: bool = False,
     ):
         super().__init__(n_ramps, [RAMP_SIZE] * 3, placement_fn, free=free)
-        self.friction = ramp_friction
+        self.friction = check_friction("ramp_friction", ramp_friction)
 
     def make(self, name: str) -> Obj:
         return Wedge(RAMP_SIZE, name, mass=MASS, friction=self.friction, free=self.free)

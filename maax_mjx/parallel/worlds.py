@@ -11,7 +11,7 @@ from flax import struct
 
 from maax_mjx.checks import check_count, check_key, is_traced
 from maax_mjx.env import Environment
-from maax_mjx.params import DomainParams
+from maax_mjx.params import DomainParams, check_params
 from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 
@@ -94,9 +94,7 @@ class Worlds:
         """
         check_key("key", key)
         params = self.env.default_params if params is None else params
-        self.env.base.check_params(params)
-        params = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.n_worlds, 2)), params)
-        return self._reset(key, params, jnp.asarray(stagger))
+        return self._reset(key, self._per_world(params), jnp.asarray(stagger))
 
     def step(self, states: WorldsState, action: Any) -> WorldsState:
         """Advances every world by one env step, and starts the next episode where one ended.
@@ -106,9 +104,12 @@ class Worlds:
             action: the env's action with a leading axis (n_worlds,).
 
         Raises:
-            ValueError: an action of a wrong shape, or with NaN.
+            ValueError: an action of a wrong shape or with NaN, or states of other worlds.
             RuntimeError: states that were donated to an earlier call.
         """
+        if not isinstance(states, WorldsState) or jnp.shape(states.step) != (self.n_worlds,):
+            got = f"{jnp.size(states.step)} worlds" if isinstance(states, WorldsState) else type(states).__name__
+            raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")
         if not is_traced(states.step) and states.step.is_deleted():
             raise RuntimeError(
                 "states: these were donated to an earlier Worlds.step and their memory is in use again; "
@@ -127,9 +128,13 @@ class Worlds:
         Raises:
             ValueError: params beyond their bounds.
         """
-        self.env.base.check_params(params)
-        params = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.n_worlds, 2)), params)
+        params = self._per_world(params)
         return states.replace(params=params, upcoming=states.upcoming.replace(stale=jnp.ones(self.n_worlds, bool)))
+
+    def _per_world(self, params: DomainParams) -> DomainParams:
+        """A range for every world, in memory of their own, since states are donated."""
+        check_params(params, self.env.base.parameters, (self.n_worlds,))
+        return jax.tree.map(lambda x: jnp.array(jnp.broadcast_to(x, (self.n_worlds, 2))), params)
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """A uniform random action for every world."""

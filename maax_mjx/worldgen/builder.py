@@ -27,11 +27,18 @@ class WorldParams:
     ls_iterations: int = 20
 
     def __post_init__(self) -> None:
-        if not self.timestep > 0:
-            raise ValueError(f"timestep: got {self.timestep}; takes a positive number of seconds")
+        if not _is_number(self.timestep) or not self.timestep > 0:
+            raise ValueError(f"timestep: got {self.timestep!r}; takes a positive number of seconds")
+        if not _is_number(self.gravity):
+            raise ValueError(f"gravity: got {self.gravity!r}; takes a number, in m/s^2 along z")
         for name in ("iterations", "ls_iterations"):
-            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
-                raise ValueError(f"{name}: got {getattr(self, name)}; takes a whole number of at least 1")
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name}: got {value!r}; takes a whole number of at least 1")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 class WorldBuilder(Obj):

@@ -54,7 +54,7 @@ class Geom(Obj):
             raise ValueError(f"geom_type: got {geom_type!r}; takes one of {sorted(TYPES)}")
         n_extents = {"box": 3, "sphere": 1, "cylinder": 2}[geom_type]
         low, high = np.asarray(min_size, float), np.asarray(min_size if max_size is None else max_size, float)
-        if low.shape != (n_extents,) or high.shape != (n_extents,) or not (0 < low).all() or not (low <= high).all():
+        if low.shape != (n_extents,) or high.shape != (n_extents,) or not (low > 0).all() or not (low <= high).all():
             raise ValueError(
                 f"min_size, max_size: got {min_size}, {max_size}; a {geom_type} takes {n_extents} positive extents "
                 "in metres, min_size <= max_size"
