@@ -120,7 +120,8 @@ def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead
             takes = " or ".join(map(str, dict.fromkeys([(2,), (*lead, 2)])))
             raise ValueError(f"params: {name} has shape {jnp.shape(params[name])}; takes {takes}")
         if not jnp.issubdtype(jnp.result_type(params[name]), jnp.integer):
-            raise ValueError(f"params: {name} has dtype {jnp.result_type(params[name])}; takes whole numbers")
+            got = jnp.result_type(params[name]) if is_traced(params[name]) else np.asarray(params[name]).tolist()
+            raise ValueError(f"params: {name} is {got}; takes whole numbers")
         if is_traced(params[name]):
             continue
         value = np.asarray(params[name]).reshape(-1, 2)
