@@ -11,13 +11,13 @@ import numpy as np
 from maax_mjx.env import Environment
 from maax_mjx.state import State
 
-TOLERANCE = 1e-5
+TOLERANCE = 1e-4
 
 
 def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: int = 0) -> None:
     """Checks an environment; returns nothing if all is well.
 
-    Spaces hold what comes out; jit gives what eager gives, and vmap what a loop gives, to 1e-5; reset and step are
+    Spaces hold what comes out; jit gives what eager gives, and vmap what a loop gives, to 1e-4; reset and step are
     traced once; the same key gives the same world and the same run; everything is finite; a step's State has the tree,
     shapes and dtypes of the one that went in; arrays per agent have one row per agent.
 
@@ -113,12 +113,13 @@ def _equal(a: jax.Array, b: jax.Array) -> bool:
 
 def _same(left: list[State], right: list[State], what: str, exact: bool = False) -> None:
     for t, (a, b) in enumerate(zip(left, right, strict=True)):
-        # What an engine carries is its own affair.
-        a, b = (s.replace(data=s.data.replace(engine=())) for s in (a, b))
+        # What an engine carries is its own affair, and where its solver starts from is not what it ends at.
+        if not exact:
+            a, b = (s.replace(data=s.data.replace(engine=(), qacc_warmstart=())) for s in (a, b))
         for (path, x), y in zip(jax.tree.leaves_with_path(a), jax.tree.leaves(b), strict=True):
             if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
                 x, y = jax.random.key_data(x), jax.random.key_data(y)
             x, y = np.asarray(x), np.asarray(y)
-            close = np.array_equal(x, y) if exact or x.dtype.kind != "f" else np.allclose(x, y, 1e-4, TOLERANCE)
+            close = np.array_equal(x, y) if exact or x.dtype.kind != "f" else np.allclose(x, y, TOLERANCE, TOLERANCE)
             if not close:
                 raise AssertionError(f"{what} differ at step {t} in {jax.tree_util.keystr(path)}")

@@ -48,10 +48,10 @@ class Broken(Base):
 
 @pytest.mark.parametrize("wrong", ["dtype", "tree", "shape", "nan", "space", "step"])
 def test_check_env_finds_what_is_wrong(wrong):
-    env = Broken(1, impl="c")
+    env = Broken(2, impl="c")
     env.wrong = wrong
     env.add_module(maax.WallScenarios("empty"))
-    env.add_module(maax.Agents(1))
+    env.add_module(maax.Agents(2))
     with pytest.raises(AssertionError):
         check_env(env, n_worlds=2, n_steps=2)
 
