@@ -235,9 +235,10 @@ class Base(Environment):
         move = jnp.asarray(action["move"], jnp.float32)
         ctrl = state.data.ctrl.at[self.agents.ctrl_ids.reshape(-1)].set(move.reshape(-1))
         before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
-        after, overflow = engine.step(state.world, before, self.n_frames)
+        after, overflow = engine.advance(state.world, before, self.n_frames)
         fault = self._fault(state.world, after) | jnp.isnan(ctrl).any()
-        data = contain(fault, before, after.replace(engine=engine.renew(after.engine, fault)))
+        after = contain(fault, before, after.replace(engine=engine.renew(after.engine, fault)))
+        data = engine.pose(state.world, after)
         step = state.step + 1
         return state.replace(
             data=data,
@@ -292,7 +293,8 @@ class Base(Environment):
 
     def _fault(self, world: World, data: Data) -> jax.Array:
         entities = [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max]
-        bodies = np.concatenate([m.body_ids for m in entities])
+        # Of slides and free joints alike, the first three coordinates are the position itself.
+        position = data.qpos[np.concatenate([m.qpos_ids[:, :3] for m in entities])]
         active = jnp.concatenate([world.active[m.kind] for m in entities])
-        agents = self.agents
-        return find_fault(data, self.floor_size, bodies, active, agents.body_ids, world.active[agents.kind])
+        is_agent = np.concatenate([np.full(m.n_max, m is self.agents) for m in entities])
+        return find_fault(data, self.floor_size, position, active, is_agent)

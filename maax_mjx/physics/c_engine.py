@@ -52,7 +52,7 @@ class CEngine(Engine):
         out = super().exact(data)
         return out | {name: out[name] + part for name, part in zip(ADVANCED, rest, strict=True)}
 
-    def _integrate(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         # One array in and one out: the callback's cost is per array, not per byte.
         inputs = {name: getattr(data, name) for name in INPUTS} | {name: world.fields[name] for name in self.overlay}
         sizes = {name: value.size for name, value in inputs.items()}
@@ -115,11 +115,17 @@ class _HostBatch:
         except SimulationError as error:
             failed = error.ids
         out = np.empty((n_worlds, 2 * n_advanced + 1), np.float32)
-        exact = np.concatenate([batch.bind(name).reshape(n_worlds, -1) for name in ADVANCED], axis=1)
+        start = 0
+        for name in ADVANCED:
+            exact = batch.bind(name).reshape(n_worlds, -1)
+            end = start + sizes[name]
+            out[:, start:end] = exact
+            np.subtract(
+                exact, out[:, start:end], out=out[:, n_advanced + start : n_advanced + end], casting="same_kind"
+            )
+            start = end
         if failed is not None:  # MuJoCo raised and kept the old state: NaN makes it the fault that it is
-            exact[failed] = np.nan
-        out[:, :n_advanced] = exact
-        np.subtract(exact, out[:, :n_advanced], out=out[:, n_advanced:-1], casting="same_kind")
+            out[failed, :-1] = np.nan
         out[:, -1] = (batch.warning[:, FULL_WARNINGS, 1] > 0).any(axis=1)
         return out
 

@@ -33,7 +33,7 @@ class Engine(ABC):
 
     def init(self, world: World, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""
-        data = self.mjx.kinematics(world, self.mjx.rest(qpos))
+        data = self.pose(world, self.mjx.rest(qpos))
         return data.replace(engine=self.carry(data))
 
     def carry(self, data: Data) -> Any:
@@ -44,19 +44,19 @@ class Engine(ABC):
         """What the engine carries, for a world that begins `anew` () or goes on."""
         return carried
 
-    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        """Advances a world by `n_frames` physics steps under constant controls and forces.
-
-        Returns:
-            The state, its poses current, and () bool: whether contacts were left out for want of capacity.
-        """
-        data, overflow = self._integrate(world, data, n_frames)
-        return self.mjx.kinematics(world, data), overflow
+    def pose(self, world: World, data: Data) -> Data:
+        """The state with the poses that belong to its qpos."""
+        return self.mjx.kinematics(world, data)
 
     def exact(self, data: Data) -> dict[str, np.ndarray]:
         """The state's time, qpos, qvel, ctrl, qacc_warmstart and xfrc_applied as the engine knows them, flat. Host."""
         return {name: np.ravel(getattr(data, name)).astype(float) for name in STATE}
 
     @abstractmethod
-    def _integrate(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        """Advances time, qpos, qvel and qacc_warmstart; poses may be stale."""
+    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        """Advances a world by `n_frames` physics steps under constant controls and forces.
+
+        Returns:
+            The state, its poses those from before (see `pose`), and () bool: whether contacts were left out for want of
+            capacity.
+        """

@@ -13,7 +13,7 @@ AGENT_CEILING = 3.0
 
 
 def find_fault(
-    data: Data, floor_size: float, bodies: np.ndarray, active: jax.Array, agents: np.ndarray, agents_active: jax.Array
+    data: Data, floor_size: float, position: jax.Array, active: jax.Array, is_agent: np.ndarray
 ) -> jax.Array:
     """Whether a world's physics went wrong.
 
@@ -23,23 +23,24 @@ def find_fault(
     Args:
         data: the state after a step.
         floor_size: edge of the arena in metres.
-        bodies, active: (n,) body ids of all entities, and which are in play.
-        agents, agents_active: likewise of the agents alone.
+        position: (n, 3) of all entities, in metres.
+        active: (n,) bool, which of them are in play.
+        is_agent: (n,) bool, which of them are agents.
 
     Returns:
         () bool.
     """
     finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
-    pos = data.xpos[bodies]
-    out = ((pos[:, :2] < -MARGIN) | (pos[:, :2] > floor_size + MARGIN)).any(axis=1) | (pos[:, 2] < -MARGIN)
-    high = data.xpos[agents, 2] > AGENT_CEILING
-    return ~finite | (out & active).any() | (high & agents_active).any()
+    out = ((position[:, :2] < -MARGIN) | (position[:, :2] > floor_size + MARGIN)).any(axis=1)
+    out |= (position[:, 2] < -MARGIN) | (is_agent & (position[:, 2] > AGENT_CEILING))
+    return ~finite | (out & active).any()
 
 
 def contain(fault: jax.Array, before: Data, after: Data) -> Data:
-    """`after`, or where there was a fault the state before the step, at rest. What the engine carries is kept."""
-    held = before.replace(
-        qvel=jnp.zeros_like(before.qvel), qacc_warmstart=jnp.zeros_like(before.qacc_warmstart), engine=after.engine
+    """`after`, or where there was a fault the state before the step, at rest. Poses are left to be computed."""
+    return after.replace(
+        time=jnp.where(fault, before.time, after.time),
+        qpos=jnp.where(fault, before.qpos, after.qpos),
+        qvel=jnp.where(fault, 0.0, after.qvel),
+        qacc_warmstart=jnp.where(fault, 0.0, after.qacc_warmstart),
     )
-    public = jax.tree.map(lambda a, b: jnp.where(fault, a, b), held.replace(engine=()), after.replace(engine=()))
-    return public.replace(engine=after.engine)

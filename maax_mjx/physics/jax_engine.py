@@ -16,7 +16,7 @@ class JaxEngine(Engine):
 
     impl = "jax"
 
-    def _integrate(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         model = self.mjx.overlay(world)
 
         def frame(data: Data, _: None) -> tuple[Data, jax.Array]:
