@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 FEW_CORES = 3
-XLA_CPU_THREADS = "4"
+XLA_CPU_THREADS = "3"
 
 
 def guard_small_hosts() -> None:
