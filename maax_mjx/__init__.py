@@ -1,8 +1,9 @@
 """maax_mjx: multi-agent reinforcement learning in procedurally generated worlds, on MuJoCo MJX."""
 
-from maax_mjx.runtime import guard_small_hosts
+from maax_mjx.runtime import guard_small_hosts, import_mjx
 
 guard_small_hosts()
+import_mjx()
 
 from maax_mjx import testing  # noqa: E402
 from maax_mjx.base import Base  # noqa: E402

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 
 FEW_CORES = 3
@@ -17,3 +19,13 @@ def guard_small_hosts() -> None:
     """
     if (os.cpu_count() or 1) <= FEW_CORES:
         os.environ.setdefault("NPROC", XLA_CPU_THREADS)
+
+
+def import_mjx() -> None:
+    """Imports MJX without the two lines that it prints where Warp is not installed, which is no mistake here."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        import mujoco.mjx  # noqa: F401
+    for line in printed.getvalue().splitlines():
+        if not line.startswith("Failed to import"):
+            print(line)
