@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,21 +12,30 @@ import pytest
 import maax_mjx as maax
 
 
-def play(env, n_worlds, n_steps, held, seed=0):
-    """Bang-bang actions held for `held` steps; returns the counts and whether everything stayed finite."""
+@functools.cache
+def player(impl, gravity, n_worlds, n_steps):
+    """Worlds, and a compiled rollout of bang-bang actions held for a traced number of steps."""
+    env = maax.make("standard", impl=impl, world_params=maax.WorldParams(gravity=gravity))
     worlds = maax.Worlds(env, n_worlds)
-    states = worlds.reset(jax.random.key(seed))
 
-    def step(states, t):
-        key = jax.random.fold_in(jax.random.key(seed), t // held)
+    def step(carry, t):
+        states, held = carry
+        key = jax.random.fold_in(jax.random.key(0), t // held)
         move = jnp.where(jax.random.bernoulli(key, shape=(n_worlds, 4, 3)), 1.0, -1.0)
         states = worlds.step_fn(states, {"move": move})
         leaves = jax.tree.leaves((states.obs, states.final_obs, states.reward, states.data))
         ok = jnp.stack([jnp.isfinite(x).all() for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)]).all()
         inside = (jnp.abs(states.data.xpos[:, env.agents.body_ids, :2] - 3) < 3.31).all()
-        return states, (ok, inside, states.metrics["physics_fault"] <= states.truncated)
+        counted = (states.metrics["physics_fault"] <= states.truncated).all()
+        return (states, held), (ok, inside, counted)
 
-    states, (ok, inside, counted) = jax.jit(lambda s: jax.lax.scan(step, s, jnp.arange(n_steps)))(states)
+    return worlds, jax.jit(lambda states, held: jax.lax.scan(step, (states, held), jnp.arange(n_steps)))
+
+
+def play(impl, gravity, n_worlds, n_steps, held):
+    """Bang-bang actions held for `held` steps: the counts, after checking that everything stayed finite."""
+    worlds, run = player(impl, gravity, n_worlds, n_steps)
+    (states, _), (ok, inside, counted) = run(worlds.reset(jax.random.key(0)), held)
     assert bool(ok.all()), "a NaN or infinity reached the user"
     assert bool(inside.all()), "an agent was left outside the arena"
     assert bool(counted.all()), "a fault did not truncate its world"
@@ -34,8 +45,7 @@ def play(env, n_worlds, n_steps, held, seed=0):
 @pytest.mark.parametrize("gravity", [-9.81, -50.0])
 @pytest.mark.parametrize("held", [1, 20, 100, 1000])
 def test_c_thousand_worlds_thousand_steps(gravity, held):
-    env = maax.make("standard", impl="c", world_params=maax.WorldParams(gravity=gravity))
-    counts = play(env, 1000, 1000, held)
+    counts = play("c", gravity, 1000, 1000, held)
     assert counts["physics_fault"] < 1
     assert counts["contact_overflow"] == 0
     assert counts["layout_invalid"] == 0
@@ -43,9 +53,8 @@ def test_c_thousand_worlds_thousand_steps(gravity, held):
 
 @pytest.mark.parametrize("gravity", [-9.81, -50.0])
 def test_jax(gravity):
-    env = maax.make("standard", impl="jax", world_params=maax.WorldParams(gravity=gravity))
     for held in (1, 20, 100, 1000):
-        counts = play(env, 32, 300, held)
+        counts = play("jax", gravity, 32, 300, held)
         # Counted where all 24 points are in use, of which MJX gives some twice; 1 step in 10,000 was seen.
         assert counts["contact_overflow"] <= 9
 
