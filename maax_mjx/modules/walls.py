@@ -74,13 +74,15 @@ class WallScenarios(Module):
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
         cell, g = layout.grid.cell, layout.grid.size
-        outer = [_whole(wall, cell) for wall in wall_layout.outer_walls(g)]
+        outer = wall_layout.outer_walls(g)
         inner = self._inner_walls(jax.random.fold_in(key, layout.attempt), g)
         pieces = [wall_layout.segments(wall, cell) for wall in inner]
         grid = layout.grid
-        for wall in [*wall_layout.outer_walls(g), *inner]:
+        for wall in [*outer, *inner]:
             grid = wall_layout.mark_wall(grid, wall)
-        rects = jnp.concatenate([jnp.stack(outer), *(rect for rect, _ in pieces)])
+        rects = jnp.concatenate(
+            [jnp.stack([wall_layout.segments(wall, cell)[0][0] for wall in outer]), *(rect for rect, _ in pieces)]
+        )
         mask = jnp.concatenate([jnp.ones(N_OUTER, bool), *(present for _, present in pieces)])
         doors = [wall_layout.opening(wall, cell) for wall in inner]
         heights = np.array([OUTER_HEIGHT] * N_OUTER + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
@@ -110,10 +112,6 @@ class WallScenarios(Module):
             return walls
         keys = jax.random.split(key, len(walls))
         return [wall_layout.cut_door(k, wall, self.door_size) for k, wall in zip(keys, walls, strict=True)]
-
-
-def _whole(wall: Wall, cell: jax.Array) -> jax.Array:
-    return wall_layout.segments(wall, cell)[0][0]
 
 
 def _box_geometry(rects: jax.Array, heights: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -15,8 +15,6 @@ from maax_mjx.params import DomainParams, check_params
 from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 
-COUNTERS = ("physics_fault", "layout_invalid", "contact_overflow")
-
 
 class Upcoming(struct.PyTreeNode):
     """The beginnings of the next episodes, drawn ahead of time.
