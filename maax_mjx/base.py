@@ -49,11 +49,16 @@ class Base(Environment):
         grid_size: cells per side of the placement grid.
         floor_size: edge of the floor in metres.
         horizon: env steps until an episode is truncated.
-        impl: "jax", "c", or "auto", which is `c` on a bare CPU and `jax` on accelerators.
+        impl: "jax", "warp", "c", or "auto": `warp` on NVIDIA where it is installed, `jax` on other accelerators, `c` on
+            a bare CPU.
         world_params: time step, gravity and solver iterations.
+        contacts_per_world: contact points that `jax` gives every world, and `warp` every world on average over those
+            of a device; None derives them from the entities. More cost time; too few are reported as
+            `metrics["contact_overflow"]`. `c` has no such limit.
 
     Raises:
         ValueError: an argument out of its range; the message names it.
+        RuntimeError: an engine whose library is not installed; the message names the extra that brings it.
     """
 
     def __init__(
@@ -65,6 +70,7 @@ class Base(Environment):
         horizon: int = 1000,
         impl: str = "auto",
         world_params: WorldParams | None = None,
+        contacts_per_world: int | None = None,
     ):
         self.n_agents = check_count("n_agents", n_agents, minimum=1)
         self.n_frames = check_count("n_frames", n_frames, minimum=1)
@@ -75,6 +81,9 @@ class Base(Environment):
         self.world_params = WorldParams() if world_params is None else world_params
         if not isinstance(self.world_params, WorldParams):
             raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
+        if contacts_per_world is not None:
+            check_count("contacts_per_world", contacts_per_world, minimum=1)
+        self._contacts_per_world = contacts_per_world
         self._modules: dict[str, Module] = {}
 
     # --- composition -------------------------------------------------------------------------------------------
@@ -144,9 +153,13 @@ class Base(Environment):
         # What can be absent floats where it is parked; the overlay gives it its weight when it is in play.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
-        capacity = contact_capacity(self._modules.values())
-        spec.add_numeric(name="max_contact_points", data=[capacity], size=1)
+        spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)
         return spec
+
+    @property
+    def contacts_per_world(self) -> int:
+        """Contact points that the accelerators' engines make room for."""
+        return self._contacts_per_world or contact_capacity(self._modules.values())
 
     @cached_property
     def model(self) -> mujoco.MjModel:
@@ -165,7 +178,7 @@ class Base(Environment):
     @cached_property
     def engine(self) -> Engine:
         """The physics engine. Made at first use, because it needs a JAX backend."""
-        return make_engine(self.impl, self.model, self.overlay)
+        return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world)
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
@@ -232,7 +245,7 @@ class Base(Environment):
         """
         check_action(self.action_space, action)
         engine = self.engine  # gives the modules their ids, where nothing was reset yet
-        move = jnp.asarray(action["move"], jnp.float32)
+        move = jnp.asarray(action["move"], state.data.ctrl.dtype)
         ctrl = state.data.ctrl.at[self.agents.ctrl_ids.reshape(-1)].set(move.reshape(-1))
         before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
         after, overflow = engine.advance(state.world, before, self.n_frames)
@@ -278,7 +291,7 @@ class Base(Environment):
         return Layout(
             grid=Grid.create(self.grid_size, self.floor_size),
             plan=RoomPlan.empty(),
-            qpos=jnp.asarray(self.model.qpos0, jnp.float32),
+            qpos=jnp.asarray(self.model.qpos0, float),
             fields=model_fields(self.model, self.overlay),
             active={},
             valid=jnp.ones((), bool),

@@ -22,7 +22,11 @@ def guard_small_hosts() -> None:
 
 
 def import_mjx() -> None:
-    """Imports MJX without the two lines that it prints where Warp is not installed, which is no mistake here."""
+    """Imports MJX without what it prints: that Warp is not installed, or that it is, and every kernel it loads."""
+    with contextlib.suppress(ImportError):
+        import warp
+
+        warp.config.log_level = warp.LOG_WARNING
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         import mujoco.mjx  # noqa: F401

@@ -1,20 +1,16 @@
 """How much an env step costs over a bare engine step: `python -m maax_mjx.benchmarks.step --help`.
 
 Both step the same model in the same batch, in turns within one run, under the same actions. Bare is the engine alone:
-a loop of `mujoco.batch.Batch.step` for `c`, a scanned, vmapped `mjx.step` that carries its mjx.Data for `jax`. An env
-step adds the overlay, fault containment, poses, observations and automatic resets with new layouts; it is scanned too.
+a loop of `mujoco.batch.Batch.step` for `c`, a scanned, vmapped `mjx.step` that carries its mjx.Data for `jax` and
+`warp`. An env step adds the overlay, fault containment, poses, observations and automatic resets with new layouts; it
+is scanned too.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import platform
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from datetime import date
-from importlib.metadata import version
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +24,13 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.base import Base
+from maax_mjx.benchmarks import record
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics.c_engine import CEngine
 
 ROUNDS = 8
 DISTINCT = 16
-PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "flax", "numpy")
+RESET_SHARE = 5 / 6
 
 
 @dataclass
@@ -44,7 +41,8 @@ class Config:
         impl: engines to time.
         worlds: batch sizes.
         steps: env steps per measurement, in turns of an eighth each.
-        horizon: env steps per episode; below `steps`, so that every world is reset.
+        max_world_steps: fewer steps are taken of large batches, so that worlds x steps stays below this.
+        horizon: env steps per episode; at most five sixths of the steps, so that every world is reset.
         held: for how many steps an action is held; 1 redraws it every step.
         out: JSON file to write; nothing is written without one.
     """
@@ -52,6 +50,7 @@ class Config:
     impl: tuple[str, ...] = ("c", "jax")
     worlds: tuple[int, ...] = (256,)
     steps: int = 1200
+    max_world_steps: float = 2e7
     horizon: int = 1000
     held: tuple[int, ...] = (1, 20)
     out: Path | None = None
@@ -65,13 +64,17 @@ class Row:
     worlds: int
     episodes: str
     held: int
+    steps: int
+    horizon: int
     env_steps_per_s: float
     bare_steps_per_s: float
     ratio: float
+    compile_s: float
     episodes_ended: int
     physics_faults: int
     contact_overflows: int
     layouts_invalid: int
+    peak_bytes: int | None
 
 
 def draw_actions(env: Base, n_worlds: int, held: int) -> np.ndarray:
@@ -82,125 +85,130 @@ def draw_actions(env: Base, n_worlds: int, held: int) -> np.ndarray:
     return moves.astype(np.float32)
 
 
-Turn = Callable[[np.ndarray], None]
-"""Steps once for every index of an array of step numbers, and waits for the result."""
+Roll = Callable[[Any, jax.Array, jax.Array, int], Any]
+"""`(state, moves, steps, held)` to the state after one step for each of the step numbers `steps`."""
 
 
-def env_turn(worlds: maax.Worlds, states: WorldsState, moves: np.ndarray, held: int) -> tuple[Turn, list[WorldsState]]:
-    """Env steps with automatic resets, scanned as a training loop scans them; the latest states are in the list."""
-    on_device = jnp.asarray(moves)
-    latest = [states]
+def env_roll(worlds: maax.Worlds) -> Roll:
+    """Env steps with automatic resets, scanned as a training loop scans them."""
 
-    def step(states: WorldsState, i: jax.Array) -> tuple[WorldsState, None]:
-        return worlds.step_fn(states, {"move": on_device[i // held % DISTINCT]}), None
+    def roll(states: WorldsState, moves: jax.Array, steps: jax.Array, held: int) -> WorldsState:
+        def step(states: WorldsState, i: jax.Array) -> tuple[WorldsState, None]:
+            return worlds.step_fn(states, {"move": moves[i // held % DISTINCT]}), None
 
-    roll = jax.jit(lambda states, steps: jax.lax.scan(step, states, steps)[0], donate_argnums=0)
+        return jax.lax.scan(step, states, steps)[0]
 
-    def turn(steps: np.ndarray) -> None:
-        latest[0] = jax.block_until_ready(roll(latest[0], jnp.asarray(steps)))
-
-    return turn, latest
+    return jax.jit(roll, donate_argnums=0)
 
 
-def bare_turn(env: Base, states: WorldsState, moves: np.ndarray, held: int) -> Turn:
-    """The engine alone from the same worlds: no overlay writes, resets, observations or checks."""
-    n_worlds = states.step.shape[0]
-    ids = env.agents.ctrl_ids.reshape(-1)
+def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
+    """The engine alone: no overlay writes, resets, observations or checks; and what it starts from."""
     engine = env.engine
+    ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
-        batch = Batch(engine.c_model, n_worlds)
-        for name, rows in env.overlay.items():
-            batch.expand(name)[:, rows] = states.world.fields[name]
-        batch.qpos[...] = np.asarray(states.data.qpos)
-        controls = moves.reshape(DISTINCT, n_worlds, -1).astype(float)
+        return lambda states: _c_batch(env, engine, states), lambda *args: _roll_c(ids, *args)
 
-        def turn_c(steps: np.ndarray) -> None:
-            for i in steps:
-                batch.ctrl[:, ids] = controls[i // held % DISTINCT]
-                batch.step()
+    def start(states: WorldsState) -> tuple[Any, mjx.Data]:
+        n_worlds = states.step.shape[0]
+        return states.world.fields, jax.vmap(lambda data: engine.mjx_data(data, n_worlds))(states.data)
 
-        return turn_c
+    def roll(carry: tuple[Any, mjx.Data], moves: jax.Array, steps: jax.Array, held: int) -> tuple[Any, mjx.Data]:
+        fields, data = carry
 
-    on_device = jnp.asarray(moves.reshape(DISTINCT, n_worlds, -1))
-    world = jax.tree.map(jnp.copy, states.world)
-    latest = [jax.jit(jax.vmap(engine.mjx.data))(states.data)]
+        def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
+            move = moves[i // held % DISTINCT]
+            data = data.replace(ctrl=data.ctrl.at[:, ids].set(move.reshape(len(move), -1)))
+            return jax.vmap(lambda f, d: mjx.step(engine.mjx_model(f), d))(fields, data), None
 
-    def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
-        data = data.replace(ctrl=data.ctrl.at[:, ids].set(on_device[i // held % DISTINCT]))
-        return jax.vmap(lambda w, d: mjx.step(engine.mjx.overlay(w), d))(world, data), None
+        return fields, jax.lax.scan(step, data, steps)[0]
 
-    roll = jax.jit(lambda data, steps: jax.lax.scan(step, data, steps)[0], donate_argnums=0)
-
-    def turn(steps: np.ndarray) -> None:
-        latest[0] = jax.block_until_ready(roll(latest[0], jnp.asarray(steps)))
-
-    return turn
+    return jax.jit(start), jax.jit(roll, donate_argnums=0)
 
 
-def measure(impl: str, n_worlds: int, stagger: bool, held: int, config: Config) -> Row:
-    """Times env steps and bare steps in turns."""
-    env = maax.make("standard", impl=impl, horizon=config.horizon).base
+def _c_batch(env: Base, engine: CEngine, states: WorldsState) -> Batch:
+    batch = Batch(engine.c_model, states.step.shape[0])
+    for name, rows in env.overlay.items():
+        target = batch.expand(name)
+        target[:, rows] = np.asarray(states.world.fields[name]).reshape(len(target), len(rows), *target.shape[2:])
+    batch.qpos[...] = np.asarray(states.data.qpos)
+    return batch
+
+
+def _roll_c(ids: np.ndarray, batch: Batch, moves: jax.Array, steps: jax.Array, held: int) -> Batch:
+    controls = np.asarray(moves).reshape(*moves.shape[:2], -1)
+    for i in np.asarray(steps):
+        batch.ctrl[:, ids] = controls[i // held % DISTINCT]
+        batch.step()
+    return batch
+
+
+def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
+    """Times env steps and bare steps in turns, under every protocol; each is compiled once."""
+    n_steps = max(ROUNDS, min(config.steps, int(config.max_world_steps) // n_worlds) // ROUNDS * ROUNDS)
+    horizon = max(1, min(config.horizon, int(n_steps * RESET_SHARE)))
+    env = maax.make("standard", impl=impl, horizon=horizon).base
     worlds = maax.Worlds(env, n_worlds)
-    states = worlds.reset(jax.random.key(0), stagger=stagger)
-    moves = draw_actions(env, n_worlds, held)
-    bare = bare_turn(env, states, moves, held)
-    stepped, latest = env_turn(worlds, states, moves, held)
-    spent = {"env": 0.0, "bare": 0.0}
-    turns = np.arange(config.steps // ROUNDS * ROUNDS).reshape(ROUNDS, -1)
-    for turn in (stepped, bare):  # compiles
-        turn(turns[0])
-    label = f"{impl} {n_worlds} {'staggered' if stagger else 'lockstep'} held {held}"
-    for steps in tqdm(turns, desc=label, unit="turn", leave=False):
-        for name, turn in (("env", stepped), ("bare", bare)):
-            start = time.perf_counter()
-            turn(steps)
-            spent[name] += time.perf_counter() - start
-    counts = {name: int(value.sum()) for name, value in latest[0].counts.items()}
-    total = n_worlds * turns.size
-    return Row(
-        impl=impl,
-        worlds=n_worlds,
-        episodes="staggered" if stagger else "lockstep",
-        held=held,
-        env_steps_per_s=round(total / spent["env"]),
-        bare_steps_per_s=round(total / spent["bare"]),
-        ratio=round(spent["bare"] / spent["env"], 3),
-        episodes_ended=counts["episodes"],
-        physics_faults=counts["physics_fault"],
-        contact_overflows=counts["contact_overflow"],
-        layouts_invalid=counts["layout_invalid"],
-    )
-
-
-def conditions() -> dict[str, Any]:
-    """Versions, devices and date, for the record."""
-    return {
-        "date": date.today().isoformat(),
-        "python": platform.python_version(),
-        "devices": [d.device_kind for d in jax.devices()],
-        "cpus": os.cpu_count(),
-        "packages": {name: version(name) for name in PACKAGES},
-    }
+    started = time.perf_counter()
+    states = jax.block_until_ready(worlds.reset(jax.random.key(0)))
+    start_bare, roll_bare = bare_roll(env)
+    rolls = {"env": env_roll(worlds), "bare": roll_bare}
+    turns = jnp.arange(n_steps).reshape(ROUNDS, -1)
+    moves = jnp.asarray(draw_actions(env, n_worlds, 1))
+    latest = {"bare": start_bare(states), "env": states}
+    for name, roll in rolls.items():
+        latest[name] = jax.block_until_ready(roll(latest[name], moves, turns[0], 1))
+    compile_s = time.perf_counter() - started
+    for held in config.held:
+        moves = jnp.asarray(draw_actions(env, n_worlds, held))
+        for stagger in (False, True):
+            latest.clear()
+            states = worlds.reset(jax.random.key(0), stagger=stagger)
+            latest = {"bare": jax.block_until_ready(start_bare(states)), "env": states}
+            del states
+            spent = {"env": 0.0, "bare": 0.0}
+            episodes = "staggered" if stagger else "lockstep"
+            for steps in tqdm(turns, desc=f"{impl} {n_worlds} {episodes} held {held}", unit="turn", leave=False):
+                for name, roll in rolls.items():
+                    begun = time.perf_counter()
+                    latest[name] = jax.block_until_ready(roll(latest[name], moves, steps, held))
+                    spent[name] += time.perf_counter() - begun
+            counts = {name: int(value.sum()) for name, value in latest["env"].counts.items()}
+            total = n_worlds * n_steps
+            yield Row(
+                impl=impl,
+                worlds=n_worlds,
+                episodes=episodes,
+                held=held,
+                steps=n_steps,
+                horizon=horizon,
+                env_steps_per_s=round(total / spent["env"]),
+                bare_steps_per_s=round(total / spent["bare"]),
+                ratio=round(spent["bare"] / spent["env"], 3),
+                compile_s=round(compile_s, 1),
+                episodes_ended=counts["episodes"],
+                physics_faults=counts["physics_fault"],
+                contact_overflows=counts["contact_overflow"],
+                layouts_invalid=counts["layout_invalid"],
+                peak_bytes=(jax.local_devices()[0].memory_stats() or {}).get("peak_bytes_in_use"),
+            )
 
 
 def main(config: Config) -> None:
     """Runs all measurements, prints a table and writes the JSON after each, so that an interruption loses none."""
     rows: list[Row] = []
-    print(f"{'impl':5} {'worlds':>7} {'episodes':>10} {'held':>5} {'env/s':>11} {'bare/s':>11} {'ratio':>6} faults")
+    print(
+        f"{'impl':5} {'worlds':>7} {'episodes':>10} {'held':>5} {'env/s':>11} {'bare/s':>11} {'ratio':>6} faults/over"
+    )
     for impl in config.impl:
         for n_worlds in config.worlds:
-            for held in config.held:
-                for stagger in (False, True):
-                    row = measure(impl, n_worlds, stagger, held, config)
-                    rows.append(row)
-                    print(
-                        f"{row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} {row.env_steps_per_s:11,.0f} "
-                        f"{row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} {row.physics_faults}",
-                        flush=True,
-                    )
-                    if config.out:
-                        record = {"conditions": conditions(), "config": str(config), "rows": [asdict(r) for r in rows]}
-                        config.out.write_text(json.dumps(record, indent=1))
+            for row in measure(impl, n_worlds, config):
+                rows.append(row)
+                print(
+                    f"{row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} {row.env_steps_per_s:11,.0f} "
+                    f"{row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} {row.physics_faults}",
+                    flush=True,
+                )
+                record.write(config.out, config, rows)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ class Grid(struct.PyTreeNode):
     def create(cls, grid_size: int, floor_size: jax.Array | float) -> Grid:
         """An empty grid of `grid_size` x `grid_size` cells over a floor of `floor_size` metres."""
         side = grid_size + 1
-        return cls(integral=jnp.zeros((side, side), jnp.int32), cell=jnp.asarray(floor_size, jnp.float32) / grid_size)
+        return cls(integral=jnp.zeros((side, side), jnp.int32), cell=jnp.asarray(floor_size, float) / grid_size)
 
     @property
     def size(self) -> int:
@@ -56,7 +56,7 @@ class Grid(struct.PyTreeNode):
         w, h = cells[0], cells[1]
 
         def shifted(i: jax.Array | int, j: jax.Array | int) -> jax.Array:
-            return jax.lax.dynamic_slice(padded, (jnp.asarray(i), jnp.asarray(j)), (g, g))
+            return jax.lax.dynamic_slice(padded, (jnp.asarray(i, jnp.int32), jnp.asarray(j, jnp.int32)), (g, g))
 
         return shifted(w, h) - shifted(0, h) - shifted(w, 0) + self.integral[:g, :g]
 

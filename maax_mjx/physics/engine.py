@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.physics.data import Data
+from maax_mjx.physics.gradients import not_differentiable
 from maax_mjx.physics.mjx_model import MjxModel
 from maax_mjx.physics.world import Overlay, World
 
@@ -52,11 +53,19 @@ class Engine(ABC):
         """The state's time, qpos, qvel, ctrl, qacc_warmstart and xfrc_applied as the engine knows them, flat. Host."""
         return {name: np.ravel(getattr(data, name)).astype(float) for name in STATE}
 
-    @abstractmethod
     def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         """Advances a world by `n_frames` physics steps under constant controls and forces.
 
         Returns:
             The state, its poses those from before (see `pose`), and () bool: whether contacts were left out for want of
             capacity.
+
+        Raises:
+            NotDifferentiableError: where it is differentiated and the engine has no derivatives.
         """
+        message = f"impl={self.impl!r} has no derivatives; make the environment with impl='jax'"
+        return not_differentiable(lambda world, data: self.step(world, data, n_frames), message)(world, data)
+
+    @abstractmethod
+    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        """What `advance` does, without regard to derivatives."""

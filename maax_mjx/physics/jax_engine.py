@@ -4,29 +4,66 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import mujoco
 from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.engine import Engine
-from maax_mjx.physics.world import World
+from maax_mjx.physics.gradients import with_jacobian
+from maax_mjx.physics.mjx_model import state_of
+from maax_mjx.physics.world import Fields, Overlay, World
+
+STARTS = ("qpos", "qvel", "ctrl", "xfrc_applied")
+"""What a step is differentiable in."""
+
+NO_GRADIENT = (
+    "gradients are taken with respect to actions and the state's qpos, qvel, ctrl and xfrc_applied; "
+    "got a derivative with respect to the fields of the world"
+)
 
 
 class JaxEngine(Engine):
-    """Rebuilds the mjx.Data from a template at every step: all of it is recomputed anyway, and nothing is carried."""
+    """Rebuilds the mjx.Data from a template at every step: all of it is recomputed anyway, and nothing is carried.
+
+    Differentiable, forward and reverse, in what is named in `STARTS`. A derivative through a step costs as many
+    forward derivatives as these have numbers, whatever its direction.
+    """
 
     impl = "jax"
 
-    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        model = self.mjx.overlay(world)
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay):
+        super().__init__(model, overlay)
+        self._frame_with_jacobian = with_jacobian(self._frame, NO_GRADIENT)
 
+    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        return self.step(world, data, n_frames)
+
+    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         def frame(data: Data, _: None) -> tuple[Data, jax.Array]:
-            d = mjx.step(model, self.mjx.data(data))
-            stepped = data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart)
-            # The deepest contacts are kept: some may be missing only if every kept one is active.
-            dist = d._impl.contact.dist
-            return stepped, jnp.all(dist < 0) if dist.size else jnp.zeros((), bool)
+            # Poses and what else the engine does not read have derivatives of their own: they stay outside.
+            starts = {name: getattr(data, name) for name in STARTS}
+            fixed = {name: getattr(data, name) for name in ("time", "qacc_warmstart", "eq_active")}
+            moved, (rest, overflow) = self._frame_with_jacobian(starts, (world.fields, jax.lax.stop_gradient(fixed)))
+            return data.replace(**moved, **rest), overflow
 
         if n_frames == 1:
             return frame(data, None)
         data, overflow = jax.lax.scan(frame, data, length=n_frames)
         return data, overflow.any()
+
+    def mjx_model(self, fields: Fields) -> mjx.Model:
+        """MJX's model of one world."""
+        return self.mjx.overlay(fields)
+
+    def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
+        """MJX's data of one world of `n_worlds`."""
+        return self.mjx.data(state_of(data))
+
+    def _frame(self, starts: dict[str, jax.Array], fixed: tuple[Fields, dict[str, jax.Array]]) -> tuple:
+        fields, others = fixed
+        d = mjx.step(self.mjx.overlay(fields), self.mjx.data(starts | others))
+        dist = d._impl.contact.dist
+        # The deepest contacts are kept: some may be missing only if every kept one is active.
+        overflow = jnp.all(dist < 0) if dist.size else jnp.zeros((), bool)
+        rest = {"time": d.time, "qacc_warmstart": d.qacc_warmstart}
+        return {"qpos": d.qpos, "qvel": d.qvel}, (rest, overflow)

@@ -21,7 +21,7 @@ class UprightKinematics:
     """Computes `xpos`, `xquat`, `geom_xpos` and `geom_xmat` of a model for which `applies` holds."""
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
-        self._geom_pos = model.geom_pos.astype(np.float32)
+        self._geom_pos = model.geom_pos
         self._geom_rows = overlay.get("geom_pos", np.zeros(0, int))
         self._geom_body = model.geom_bodyid.copy()
         moves = model.body_jntnum > 0
@@ -30,12 +30,12 @@ class UprightKinematics:
         self._slides = np.where(moves[:, None], first[:, None] + np.arange(3), model.nq)
         self._yaw = np.where(moves, first + 3, model.nq)
         origin = np.append(model.qpos0, 0.0)
-        self._offset = (model.body_pos - origin[self._slides]).astype(np.float32)
-        self._yaw0 = origin[self._yaw].astype(np.float32)
+        self._offset = model.body_pos - origin[self._slides]
+        self._yaw0 = origin[self._yaw]
         mats = np.empty((model.ngeom, 9))
         for mat, quat in zip(mats, model.geom_quat, strict=True):
             mujoco.mju_quat2Mat(mat, quat)
-        x, y, z = np.moveaxis(mats.reshape(-1, 3, 3), 1, 0).astype(np.float32)
+        x, y, z = np.moveaxis(mats.reshape(-1, 3, 3), 1, 0)
         nothing = np.zeros_like(x)
         # Rz(yaw) @ mat = cos * self._cos + sin * self._sin + self._up
         self._cos, self._sin = np.stack([x, y, nothing], axis=1), np.stack([-y, x, nothing], axis=1)

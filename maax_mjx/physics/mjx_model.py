@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -12,12 +13,32 @@ from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.kinematics import UprightKinematics
-from maax_mjx.physics.world import Overlay, World
+from maax_mjx.physics.world import Fields, Overlay, World
 
 
 def put_on_host(tree: Any) -> Any:
     """Every array of a tree as a NumPy constant: tied to no device, so safe to close over in any program."""
     return jax.tree.map(np.asarray, tree)
+
+
+INPUTS = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "eq_active", "xfrc_applied")
+"""The fields of `Data` that an mjx.Data is filled from."""
+
+
+def overlaid(model: mjx.Model, overlay: Overlay, fields: Fields) -> mjx.Model:
+    """An mjx.Model of any implementation, kept on the host, with one world's rows in it."""
+    model = jax.tree.map(jnp.asarray, model)
+    rows = {}
+    for name, ids in overlay.items():
+        field = getattr(model, name)
+        # Warp keeps the two halves of geom_aabb on an axis of their own.
+        rows[name] = field.at[ids].set(fields[name].reshape(len(ids), *field.shape[1:]))
+    return model.tree_replace(rows)
+
+
+def state_of(data: Data) -> dict[str, jax.Array]:
+    """What an mjx.Data is filled from."""
+    return {name: getattr(data, name) for name in INPUTS}
 
 
 class MjxModel:
@@ -37,31 +58,19 @@ class MjxModel:
             self._model = put_on_host(mjx.put_model(model, device=device, impl="jax"))
             self._data = put_on_host(mjx.make_data(model, device=device, impl="jax"))
 
-    def overlay(self, world: World) -> mjx.Model:
-        """The model of one world."""
-        model = jax.tree.map(jnp.asarray, self._model)
-        return model.tree_replace(
-            {name: getattr(model, name).at[ids].set(world.fields[name]) for name, ids in self._overlay.items()}
-        )
+    def overlay(self, fields: Fields) -> mjx.Model:
+        """The model of one world, whose fields these are."""
+        return overlaid(self._model, self._overlay, fields)
 
-    def data(self, data: Data) -> mjx.Data:
-        """An mjx.Data that holds this state."""
-        template = jax.tree.map(jnp.asarray, self._data)
-        return template.replace(
-            time=data.time,
-            qpos=data.qpos,
-            qvel=data.qvel,
-            ctrl=data.ctrl,
-            qacc_warmstart=data.qacc_warmstart,
-            eq_active=data.eq_active,
-            xfrc_applied=data.xfrc_applied,
-        )
+    def data(self, state: Mapping[str, jax.Array]) -> mjx.Data:
+        """An mjx.Data with a state in it; see `state_of`."""
+        return jax.tree.map(jnp.asarray, self._data).replace(**state)
 
     def kinematics(self, world: World, data: Data) -> Data:
         """The state with the poses that belong to its qpos."""
         if self._upright is not None:
             return self._upright(world, data)
-        d = mjx.kinematics(self.overlay(world), self.data(data))
+        d = mjx.kinematics(self.overlay(world.fields), self.data(state_of(data)))
         return data.replace(xpos=d.xpos, xquat=d.xquat, geom_xpos=d.geom_xpos, geom_xmat=d.geom_xmat)
 
     def rest(self, qpos: jax.Array) -> Data:

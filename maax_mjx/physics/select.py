@@ -2,37 +2,59 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import jax
 import mujoco
 
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.world import Overlay
 
-IMPLS = ("auto", "c", "jax")
+IMPLS = ("auto", "c", "jax", "warp")
 
 
 def check_impl(impl: str) -> str:
-    """Refuses an unknown engine, without touching a JAX backend.
+    """Refuses an unknown engine, or one whose library is missing, without touching a JAX backend.
 
     Raises:
-        ValueError: unknown, or not available yet.
+        ValueError: unknown.
+        RuntimeError: "warp" where it is not installed.
     """
-    if impl == "warp":
-        raise ValueError(f"impl: 'warp' (MJX-Warp) is not part of this version yet; takes one of {IMPLS}")
     if impl not in IMPLS:
         raise ValueError(f"impl: got {impl!r}; takes one of {IMPLS}")
+    if impl == "warp" and not warp_is_installed():
+        raise RuntimeError("impl: got 'warp' and warp-lang is not installed; pip install \"maax_mjx[cuda]\" brings it")
     return impl
 
 
-def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay) -> Engine:
-    """The engine for `model`. "auto" is `c` where JAX has only a CPU, and `jax` on accelerators."""
+def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int) -> Engine:
+    """The engine for `model`.
+
+    "auto" is `warp` on NVIDIA where it is installed, `jax` on other accelerators, and `c` where JAX has only a CPU.
+    """
     impl = check_impl(impl)
     if impl == "auto":
-        impl = "c" if jax.default_backend() == "cpu" else "jax"
+        impl = _best_impl()
     if impl == "c":
         from maax_mjx.physics.c_engine import CEngine
 
         return CEngine(model, overlay)
+    if impl == "warp":
+        from maax_mjx.physics.warp_engine import WarpEngine
+
+        return WarpEngine(model, overlay, contacts_per_world)
     from maax_mjx.physics.jax_engine import JaxEngine
 
     return JaxEngine(model, overlay)
+
+
+def warp_is_installed() -> bool:
+    """Whether the library of the warp engine can be imported; it is not."""
+    return find_spec("warp") is not None
+
+
+def _best_impl() -> str:
+    if jax.default_backend() == "cpu":
+        return "c"
+    nvidia = "cuda" in jax.local_devices()[0].client.platform_version.lower()
+    return "warp" if nvidia and warp_is_installed() else "jax"

@@ -47,7 +47,7 @@ def union(overlays: Iterable[Mapping[str, np.ndarray]]) -> Overlay:
 
 def model_fields(model: mujoco.MjModel, overlay: Overlay) -> Fields:
     """The compiled model's own values of the overlaid fields, whole."""
-    return {name: jnp.asarray(getattr(model, name), jnp.float32) for name in overlay}
+    return {name: jnp.asarray(getattr(model, name), float) for name in overlay}
 
 
 def overlaid_model(model: mujoco.MjModel, overlay: Overlay, world: World) -> mujoco.MjModel:

@@ -24,6 +24,7 @@ def standard(
     horizon: int = 1000,
     impl: str = "auto",
     world_params: WorldParams | None = None,
+    contacts_per_world: int | None = None,
 ) -> Base:
     """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp.
 
@@ -35,13 +36,13 @@ def standard(
         n_hiders, n_seekers: agents of each team.
         n_boxes, n_ramps: per world, or (low, high).
         door_size: in cells.
-        n_frames, grid_size, floor_size, horizon, impl, world_params: see `Base`.
+        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
     n_hiders, n_seekers = check_count("n_hiders", n_hiders), check_count("n_seekers", n_seekers)
     if n_hiders + n_seekers == 0:
         raise ValueError("n_hiders, n_seekers: got 0 and 0; takes at least one agent in all")
     n_agents = n_hiders + n_seekers
-    env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params)
+    env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world)
     inside: PlacementFn = uniform_placement
     outside: PlacementFn = uniform_placement
     if scenario == "quad":

@@ -1,0 +1,96 @@
+"""impl="warp": MJX-Warp, the fast engine on NVIDIA GPUs. It runs on a CPU too, slowly."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from mujoco import mjx
+from mujoco.mjx.third_party.mujoco_warp import OverflowType
+
+from maax_mjx.physics.data import Data
+from maax_mjx.physics.engine import Engine
+from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of
+from maax_mjx.physics.world import Fields, Overlay, World
+
+CONTACTS_LOST = int(
+    OverflowType.NEFC | OverflowType.NJMAX_NNZ | OverflowType.BROADPHASE | OverflowType.NARROWPHASE | OverflowType.CCD
+)
+ROWS_PER_CONTACT = 4
+ROWS_PER_EQUALITY = 6
+
+
+class WarpEngine(Engine):
+    """Steps all worlds of a device together; their contacts share one buffer.
+
+    Its size follows from the number of worlds that are mapped over, whatever maps them: `Worlds`, `jax.vmap`, or a
+    device's share in `shard_map`. It lives inside a step, so that nothing is carried from one to the next.
+
+    Args:
+        model: the compiled model.
+        overlay: the rows in which worlds differ.
+        contacts_per_world: contacts of a world, on average over the worlds of a device, that there is room for. A
+            single world may have twice as many.
+    """
+
+    impl = "warp"
+
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int):
+        super().__init__(model, overlay)
+        self.contacts_per_world = contacts_per_world
+        rows = 2 * ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * model.neq + int(model.jnt_limited.sum())
+        with jax.ensure_compile_time_eval():
+            device = jax.local_devices()[0]
+            self._model = put_on_host(mjx.put_model(model, device=device, impl="warp"))
+            data = mjx.make_data(model, device=device, impl="warp", naconmax=contacts_per_world, njmax=rows)
+            self._data = put_on_host(data)
+        # Overflow would be printed from the device; `step` reports it.
+        self._model = self._model.tree_replace({"opt._impl.warn_overflow": 0})
+
+    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        @jax.custom_batching.custom_vmap
+        def run(world: World, data: Data) -> tuple[Data, jax.Array]:
+            n_worlds = data.time.shape[0]
+            return jax.vmap(lambda w, d: self._frames(n_worlds, w, d, n_frames))(world, data)
+
+        @run.def_vmap
+        def mapped(axis_size: int, is_mapped: tuple, world: World, data: Data) -> tuple:
+            """Merges the mapped axis with the batch axis, so that all worlds are stepped together."""
+
+            def merge(x: jax.Array, x_mapped: bool) -> jax.Array:
+                x = x if x_mapped else jnp.broadcast_to(x, (axis_size, *x.shape))
+                return x.reshape(x.shape[0] * x.shape[1], *x.shape[2:])
+
+            out = run(*jax.tree.map(merge, (world, data), tuple(is_mapped)))
+            out = jax.tree.map(lambda x: x.reshape(axis_size, x.shape[0] // axis_size, *x.shape[1:]), out)
+            return out, jax.tree.map(lambda _: True, out)
+
+        batch = jax.tree.map(lambda x: x[None], (world, data))
+        return jax.tree.map(lambda x: x[0], run(*batch))
+
+    def mjx_model(self, fields: Fields) -> mjx.Model:
+        """Warp's model of one world."""
+        return overlaid(self._model, self.overlay, fields)
+
+    def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
+        """Warp's data of one world, with contact buffers for `n_worlds`."""
+        size = n_worlds * self.contacts_per_world
+        template = jax.tree.map(jnp.asarray, self._data)
+        impl = template._impl
+        contacts = {
+            name: jnp.broadcast_to(getattr(impl, name)[:1], (size, *getattr(impl, name).shape[1:]))
+            for name in impl.__dataclass_fields__
+            if name.startswith("contact__") and np.size(getattr(impl, name))
+        }
+        impl = impl.replace(naconmax=size, naccdmax=size, **contacts)
+        # Poses of geoms on the world body are computed by make_data alone, where the overlay is not known yet.
+        return template.replace(_impl=impl, **state_of(data), geom_xpos=data.geom_xpos, geom_xmat=data.geom_xmat)
+
+    def _frames(self, n_worlds: int, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        model = self.mjx_model(world.fields)
+        d, overflow = self.mjx_data(data, n_worlds), jnp.zeros((), bool)
+        for _ in range(n_frames):
+            d = mjx.step(model, d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int))))
+            overflow |= (d._impl.overflow & CONTACTS_LOST) != 0
+        return data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart), overflow
