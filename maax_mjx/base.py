@@ -52,9 +52,8 @@ class Base(Environment):
         impl: "jax", "warp", "c", or "auto": `warp` on NVIDIA where it is installed, `jax` on other accelerators, `c` on
             a bare CPU.
         world_params: time step, gravity and solver iterations.
-        contacts_per_world: contact points that `jax` gives every world, and `warp` every world on average over those
-            of a device; None derives them from the entities. More cost time; too few are reported as
-            `metrics["contact_overflow"]`. `c` has no such limit.
+        contacts_per_world: contact points of a world that `jax` and `warp` make room for; None derives them from the
+            entities. More cost time; too few are reported as `metrics["contact_overflow"]`. `c` has no such limit.
 
     Raises:
         ValueError: an argument out of its range; the message names it.

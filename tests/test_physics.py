@@ -157,8 +157,7 @@ def test_solver_settings(env_c):
 
 def test_contact_overflow_is_reported():
     """With room for four contacts, agents that stand and push have more than that."""
-    env = maax.make("standard", impl="jax")
-    env.spec.numeric("max_contact_points").data = [4]
+    env = maax.make("standard", impl="jax", contacts_per_world=4)
     state = jax.jit(env.reset)(jax.random.key(0))
     step = jax.jit(env.step)
     flags = []

@@ -16,8 +16,6 @@ from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Data, Overlay, World
 from maax_mjx.worldgen import Floor, Obj
 
-CONTACTS_PER_ENTITY = 4
-
 
 class Entities(Module):
     """A kind of movable object. Slots beyond the drawn count stay parked above the arena, weightless and masked.
@@ -28,6 +26,7 @@ class Entities(Module):
         rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
             gravity. Put down at exactly zero it would be in contact or fall by the last bit of a float, and no two
             engines would agree on its first steps.
+        contacts_each: contact points of one that stands and is pushed.
 
     Args:
         count: how many per world, or (low, high).
@@ -39,6 +38,7 @@ class Entities(Module):
     kind: str
     count_name: str
     rest_depth = 1.08e-4
+    contacts_each = 4
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class Entities(Module):
 
     @property
     def contact_points(self) -> int:
-        return CONTACTS_PER_ENTITY * self.n_max
+        return self.contacts_each * self.n_max
 
     @property
     def extents(self) -> list[tuple[float, float]]:

@@ -30,8 +30,8 @@ class WarpEngine(Engine):
     Args:
         model: the compiled model.
         overlay: the rows in which worlds differ.
-        contacts_per_world: contacts of a world, on average over the worlds of a device, that there is room for. A
-            single world may have twice as many.
+        contacts_per_world: contacts of a world that there is room for. Some may have more in the contact buffer, which
+            all worlds of a device share, but not in the constraint rows.
     """
 
     impl = "warp"
@@ -39,7 +39,7 @@ class WarpEngine(Engine):
     def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int):
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
-        rows = 2 * ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * model.neq + int(model.jnt_limited.sum())
+        rows = ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * model.neq + int(model.jnt_limited.sum())
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
             self._model = put_on_host(mjx.put_model(model, device=device, impl="warp"))
