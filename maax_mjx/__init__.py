@@ -13,7 +13,7 @@ from maax_mjx.layout import outside_quad_placement, quad_placement, uniform_plac
 from maax_mjx.modules import Agents, Boxes, Module, Ramps, WallScenarios  # noqa: E402
 from maax_mjx.parallel import Worlds, WorldsState  # noqa: E402
 from maax_mjx.params import DomainParams  # noqa: E402
-from maax_mjx.physics import NotDifferentiableError  # noqa: E402
+from maax_mjx.physics import MissingLibraryError, NotDifferentiableError  # noqa: E402
 from maax_mjx.state import State  # noqa: E402
 from maax_mjx.tasks import jitted, make, tasks  # noqa: E402
 from maax_mjx.worldgen import WorldParams  # noqa: E402
@@ -26,6 +26,7 @@ __all__ = [
     "Boxes",
     "DomainParams",
     "Environment",
+    "MissingLibraryError",
     "Module",
     "NotDifferentiableError",
     "Ramps",

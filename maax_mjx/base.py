@@ -57,7 +57,7 @@ class Base(Environment):
 
     Raises:
         ValueError: an argument out of its range; the message names it.
-        RuntimeError: an engine whose library is not installed; the message names the extra that brings it.
+        MissingLibraryError: an engine whose library is not installed; the message names the extra that brings it.
     """
 
     def __init__(

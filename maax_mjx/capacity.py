@@ -19,8 +19,8 @@ JAM_CONTACTS = 15
 def contact_capacity(modules: Iterable[Module]) -> int:
     """Contact points per world that the engines of accelerators make room for.
 
-    It is 31 for M. On an H200, MJX-JAX takes about as long with 24 to 30 points, and half as long again from 32 on, where its
-    constraint rows pass 127 and XLA sums them with another kernel (`benchmarks/profile.py`).
+    It is 31 for M. On an H200, MJX-JAX takes about as long with 24 to 30 points, and half as long again with 32, where
+    its constraint rows pass 127 and XLA sums over them with another kernel (`benchmarks/profile.py`).
     """
     return JAM_CONTACTS + sum(module.contact_points for module in modules)
 

@@ -37,7 +37,7 @@ class Rollout:
     seed: int = 0
     """Of the worlds and the actions."""
     impl: str = "auto"
-    """Physics engine: auto, c or jax."""
+    """Physics engine: auto, c, jax or warp."""
     scenario: str = "quad"
     """Room scenario: quad or empty."""
     n_hiders: int = 2
@@ -142,7 +142,7 @@ def main() -> None:
     app.command(name="rollout")(_rollout)
     try:
         app.cli(description="maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.")
-    except ValueError as error:
+    except (ValueError, maax.MissingLibraryError) as error:
         print(f"maax-mjx: {error}", file=sys.stderr)
         raise SystemExit(2) from None
 

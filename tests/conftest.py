@@ -32,6 +32,13 @@ def env_jax():
 
 
 @pytest.fixture(scope="session")
+def env_warp():
+    """M on MJX-Warp."""
+    pytest.importorskip("warp")
+    return maax.make("standard", impl="warp")
+
+
+@pytest.fixture(scope="session")
 def env_ranges():
     """Like M on the C engine, with 0 to 3 boxes and 0 to 2 ramps."""
     return maax.make("standard", impl="c", n_boxes=(0, 3), n_ramps=(0, 2))

@@ -14,7 +14,7 @@ from maax_mjx.base import Base
 from maax_mjx.testing import check_env
 
 
-@pytest.mark.parametrize("impl", ["c", "jax"])
+@pytest.mark.parametrize("impl", ["c", "jax", "warp"])
 def test_check_env(impl, request):
     check_env(request.getfixturevalue(f"env_{impl}"))
 

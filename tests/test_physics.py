@@ -91,13 +91,15 @@ def test_own_kinematics_equal_those_of_mjx(free):
     np.testing.assert_allclose(data.geom_xmat.reshape(-1, 9), truth.geom_xmat, atol=1e-5)
 
 
-def test_jax_one_step_from_the_same_states(env_c, env_jax, pushed, batch_step):
-    """1,024 states along held-action runs, each stepped once by MJX and once by plain MuJoCo."""
+@pytest.mark.parametrize("impl", ["jax", "warp"])
+def test_one_step_from_the_same_states(impl, env_c, pushed, batch_step, request):
+    """1,024 states along held-action runs, each stepped once by an accelerator's engine and once by plain MuJoCo."""
+    env = request.getfixturevalue(f"env_{impl}")
     states, worlds, errors = pushed, [plain(env_c, pushed, i) for i in range(N)], []
     for t in range(160):
         action = bang_bang(200 + t // HELD)
         if t % 10 == 0:
-            stepped = batch_step(env_jax, states.replace(data=states.data.replace(engine=())), {"move": action})
+            stepped = batch_step(env, states.replace(data=states.data.replace(engine=())), {"move": action})
             for i, (model, data) in enumerate(worlds):
                 data.qpos[:], data.qvel[:] = states.data.qpos[i], states.data.qvel[i]
                 data.qacc_warmstart[:], data.ctrl[:] = states.data.qacc_warmstart[i], action[i].ravel()
@@ -111,19 +113,22 @@ def test_jax_one_step_from_the_same_states(env_c, env_jax, pushed, batch_step):
     assert np.quantile(errors[:, turns].max(axis=1), 0.99) < 1e-3, "radians: contact points along edges differ"
 
 
-def test_jax_runs_with_mujoco(env_c, env_jax, batch_reset, batch_step):
+@pytest.mark.parametrize("impl", ["jax", "warp"])
+def test_free_runs_with_mujoco(impl, env_c, batch_reset, batch_step, request):
+    env = request.getfixturevalue(f"env_{impl}")
     keys = jax.random.split(jax.random.key(3), N)
-    states = {env: batch_reset(env, keys) for env in (env_c, env_jax)}
+    truth, states = batch_reset(env_c, keys), batch_reset(env, keys)
     for t in range(100):
-        for env in states:
-            states[env] = batch_step(env, states[env], {"move": bang_bang(20000 + t // HELD)})
-    error = np.abs(states[env_c].data.qpos - states[env_jax].data.qpos).max(axis=1)
+        action = {"move": bang_bang(20000 + t // HELD)}
+        truth, states = batch_step(env_c, truth, action), batch_step(env, states, action)
+    error = np.abs(truth.data.qpos - states.data.qpos).max(axis=1)
     assert (error < 1e-3).mean() >= 0.75
 
 
-def test_same_keys_same_layouts_on_both_engines(env_c, env_jax, batch_reset):
-    keys = jax.random.split(jax.random.key(11), 16)
-    a, b = batch_reset(env_c, keys), batch_reset(env_jax, keys)
+@pytest.mark.parametrize("impl", ["jax", "warp"])
+def test_same_keys_same_layouts_on_all_engines(impl, env_c, batch_reset, request):
+    keys = jax.random.split(jax.random.key(3), N)
+    a, b = batch_reset(env_c, keys), batch_reset(request.getfixturevalue(f"env_{impl}"), keys)
     np.testing.assert_array_equal(a.data.qpos, b.data.qpos)
     for name in a.world.fields:
         np.testing.assert_array_equal(a.world.fields[name], b.world.fields[name])
@@ -155,9 +160,12 @@ def test_solver_settings(env_c):
     assert env_c.model.opt.timestep == 0.005
 
 
-def test_contact_overflow_is_reported():
+@pytest.mark.parametrize("impl", ["jax", "warp"])
+def test_contact_overflow_is_reported(impl):
     """With room for four contacts, agents that stand and push have more than that."""
-    env = maax.make("standard", impl="jax", contacts_per_world=4)
+    if impl == "warp":
+        pytest.importorskip("warp")
+    env = maax.make("standard", impl=impl, contacts_per_world=4)
     state = jax.jit(env.reset)(jax.random.key(0))
     step = jax.jit(env.step)
     flags = []

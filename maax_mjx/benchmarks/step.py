@@ -27,6 +27,7 @@ from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics.c_engine import CEngine
+from maax_mjx.physics.engine import MjxEngine
 
 ROUNDS = 8
 DISTINCT = 16
@@ -107,6 +108,8 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
         return lambda states: _c_batch(env, engine, states), lambda *args: _roll_c(ids, *args)
+    if not isinstance(engine, MjxEngine):
+        raise ValueError(f"impl: got {engine.impl!r}; takes c, jax or warp")
 
     def start(states: WorldsState) -> tuple[Any, mjx.Data]:
         n_worlds = states.step.shape[0]

@@ -4,7 +4,7 @@ from maax_mjx.physics.data import Data
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.faults import contain, find_fault
 from maax_mjx.physics.gradients import NotDifferentiableError
-from maax_mjx.physics.select import IMPLS, check_impl, make_engine
+from maax_mjx.physics.select import IMPLS, MissingLibraryError, check_impl, make_engine
 from maax_mjx.physics.world import BOX_FIELDS, Overlay, World, model_fields, overlaid_model, set_boxes, union
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "IMPLS",
     "Data",
     "Engine",
+    "MissingLibraryError",
     "NotDifferentiableError",
     "Overlay",
     "World",

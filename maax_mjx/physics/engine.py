@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 import jax
 import mujoco
 import numpy as np
+from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.gradients import not_differentiable
 from maax_mjx.physics.mjx_model import MjxModel
-from maax_mjx.physics.world import Overlay, World
+from maax_mjx.physics.world import Fields, Overlay, World
 
 STATE = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "xfrc_applied")
 """The fields of `Data` that a step starts from, besides `eq_active`."""
@@ -31,6 +32,8 @@ class Engine(ABC):
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         self.overlay = overlay
         self.mjx = MjxModel(model, overlay)
+        # Compiled even where an env step is called eagerly: MJX alone has thousands of operations.
+        self._compiled = jax.jit(self._differentiable_step, static_argnums=2)
 
     def init(self, world: World, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""
@@ -63,9 +66,24 @@ class Engine(ABC):
         Raises:
             NotDifferentiableError: where it is differentiated and the engine has no derivatives.
         """
-        message = f"impl={self.impl!r} has no derivatives; make the environment with impl='jax'"
-        return not_differentiable(lambda world, data: self.step(world, data, n_frames), message)(world, data)
+        return self._compiled(world, data, n_frames)
 
     @abstractmethod
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        """What `advance` does, without regard to derivatives."""
+        """What `advance` does, uncompiled and without regard to derivatives."""
+
+    def _differentiable_step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        message = f"impl={self.impl!r} has no derivatives; make the environment with impl='jax'"
+        return not_differentiable(lambda world, data: self.step(world, data, n_frames), message)(world, data)
+
+
+class MjxEngine(Engine):
+    """An engine whose step is `mjx.step`."""
+
+    @abstractmethod
+    def mjx_model(self, fields: Fields) -> mjx.Model:
+        """The mjx.Model of one world."""
+
+    @abstractmethod
+    def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
+        """The mjx.Data of one world, in a batch of `n_worlds` on its device."""

@@ -8,7 +8,7 @@ import mujoco
 from mujoco import mjx
 
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.engine import Engine
+from maax_mjx.physics.engine import MjxEngine
 from maax_mjx.physics.gradients import with_jacobian
 from maax_mjx.physics.mjx_model import state_of
 from maax_mjx.physics.world import Fields, Overlay, World
@@ -22,7 +22,7 @@ NO_GRADIENT = (
 )
 
 
-class JaxEngine(Engine):
+class JaxEngine(MjxEngine):
     """Rebuilds the mjx.Data from a template at every step: all of it is recomputed anyway, and nothing is carried.
 
     Differentiable, forward and reverse, in what is named in `STARTS`. A derivative through a step costs as many
@@ -34,9 +34,6 @@ class JaxEngine(Engine):
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         super().__init__(model, overlay)
         self._frame_with_jacobian = with_jacobian(self._frame, NO_GRADIENT)
-
-    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        return self.step(world, data, n_frames)
 
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         def frame(data: Data, _: None) -> tuple[Data, jax.Array]:
@@ -51,12 +48,13 @@ class JaxEngine(Engine):
         data, overflow = jax.lax.scan(frame, data, length=n_frames)
         return data, overflow.any()
 
+    def _differentiable_step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        return self.step(world, data, n_frames)
+
     def mjx_model(self, fields: Fields) -> mjx.Model:
-        """MJX's model of one world."""
         return self.mjx.overlay(fields)
 
     def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
-        """MJX's data of one world of `n_worlds`."""
         return self.mjx.data(state_of(data))
 
     def _frame(self, starts: dict[str, jax.Array], fixed: tuple[Fields, dict[str, jax.Array]]) -> tuple:

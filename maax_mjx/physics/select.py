@@ -10,6 +10,11 @@ import mujoco
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.world import Overlay
 
+
+class MissingLibraryError(RuntimeError):
+    """An engine was asked for whose library is not installed; the message says what brings it."""
+
+
 IMPLS = ("auto", "c", "jax", "warp")
 
 
@@ -18,12 +23,14 @@ def check_impl(impl: str) -> str:
 
     Raises:
         ValueError: unknown.
-        RuntimeError: "warp" where it is not installed.
+        MissingLibraryError: "warp" where it is not installed.
     """
     if impl not in IMPLS:
         raise ValueError(f"impl: got {impl!r}; takes one of {IMPLS}")
     if impl == "warp" and not warp_is_installed():
-        raise RuntimeError("impl: got 'warp' and warp-lang is not installed; pip install \"maax_mjx[cuda]\" brings it")
+        raise MissingLibraryError(
+            "impl: got 'warp' and warp-lang is not installed; pip install \"maax_mjx[cuda]\" brings it"
+        )
     return impl
 
 

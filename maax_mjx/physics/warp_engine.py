@@ -10,7 +10,7 @@ from mujoco import mjx
 from mujoco.mjx.third_party.mujoco_warp import OverflowType
 
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.engine import Engine
+from maax_mjx.physics.engine import MjxEngine
 from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of
 from maax_mjx.physics.world import Fields, Overlay, World
 
@@ -21,7 +21,7 @@ ROWS_PER_CONTACT = 4
 ROWS_PER_EQUALITY = 6
 
 
-class WarpEngine(Engine):
+class WarpEngine(MjxEngine):
     """Steps all worlds of a device together; their contacts share one buffer.
 
     Its size follows from the number of worlds that are mapped over, whatever maps them: `Worlds`, `jax.vmap`, or a
@@ -70,11 +70,9 @@ class WarpEngine(Engine):
         return jax.tree.map(lambda x: x[0], run(*batch))
 
     def mjx_model(self, fields: Fields) -> mjx.Model:
-        """Warp's model of one world."""
         return overlaid(self._model, self.overlay, fields)
 
     def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
-        """Warp's data of one world, with contact buffers for `n_worlds`."""
         size = n_worlds * self.contacts_per_world
         template = jax.tree.map(jnp.asarray, self._data)
         impl = template._impl

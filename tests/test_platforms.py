@@ -1,0 +1,59 @@
+"""What runs where: lowering for all platforms, and the choice of an engine."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+from maax_mjx.physics import select
+
+PLATFORMS = ("cpu", "cuda", "tpu")
+
+
+def test_reset_and_step_are_exported_for_all_platforms(env_jax):
+    """Nothing in them is bound to the platform that they are traced on. No TPU was at hand to run it."""
+    key = jax.random.key(0)
+    reset = jax.export.export(jax.jit(env_jax.reset), platforms=PLATFORMS)(key)
+    state = jax.eval_shape(env_jax.reset, key)
+    action = {"move": jax.ShapeDtypeStruct((4, 3), jnp.float32)}
+    step = jax.export.export(jax.jit(env_jax.step), platforms=PLATFORMS)(state, action)
+    assert reset.platforms == step.platforms == PLATFORMS
+    np.testing.assert_array_equal(reset.call(key).data.qpos, jax.jit(env_jax.reset)(key).data.qpos)
+
+
+def test_a_batch_is_exported_for_all_platforms(env_jax):
+    worlds = maax.Worlds(env_jax, 4)
+    params = jax.tree.map(lambda x: jnp.broadcast_to(x, (4, 2)), env_jax.default_params)
+    states = jax.eval_shape(worlds.reset_fn, jax.random.key(0), params, jnp.asarray(False))
+    action = {"move": jax.ShapeDtypeStruct((4, 4, 3), jnp.float32)}
+    assert jax.export.export(jax.jit(worlds.step_fn), platforms=PLATFORMS)(states, action).platforms == PLATFORMS
+
+
+def test_warp_without_its_library(monkeypatch):
+    monkeypatch.setattr(select, "find_spec", lambda name: None)
+    with pytest.raises(maax.MissingLibraryError, match=r"impl: got 'warp'.*maax_mjx\[cuda\]"):
+        maax.make("standard", impl="warp")
+
+
+@pytest.mark.parametrize(
+    ("backend", "version", "warp", "best"),
+    [
+        ("cpu", "<unknown>", True, "c"),
+        ("gpu", "PJRT C API\ncuda 13000", True, "warp"),
+        ("gpu", "PJRT C API\ncuda 13000", False, "jax"),
+        ("gpu", "PJRT C API\nrocm 70000", True, "jax"),
+        ("tpu", "PJRT C API\nTFRT TPU v6 lite", True, "jax"),
+    ],
+)
+def test_auto(monkeypatch, backend, version, warp, best):
+    class Device:
+        class client:
+            platform_version = version
+
+    monkeypatch.setattr(jax, "default_backend", lambda: backend)
+    monkeypatch.setattr(jax, "local_devices", lambda: [Device])
+    monkeypatch.setattr(select, "find_spec", lambda name: object() if warp else None)
+    assert select._best_impl() == best
