@@ -1,0 +1,20 @@
+"""Every Python block of the README runs as it stands."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+README = Path(__file__).parent.parent / "README.md"
+BLOCKS = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
+def test_block(block, capsys):
+    exec(compile(block, str(README), "exec"), {})
+    reached = re.search(r"([\d.]+) mm from the goal after (\d+) iterations", capsys.readouterr().out)
+    if reached:
+        assert float(reached[1]) < 5
+        assert int(reached[2]) < 49
