@@ -152,6 +152,8 @@ class Base(Environment):
         # What can be absent floats where it is parked; the overlay gives it its weight when it is in play.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
+        # Not max_geom_pairs: MJX keeps the pairs whose bounding spheres overlap most, and those of long walls overlap
+        # everything, so that it would leave out true contacts.
         spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)
         return spec
 

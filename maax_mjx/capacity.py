@@ -11,9 +11,7 @@ from maax_mjx.modules import Module
 JAMMING = 0.56
 """Share of an area that equal squares, placed at random one after the other, fill before none fits (Feder 1980)."""
 
-JAM_CONTACTS = 15
-"""Contact points beyond what entities have that stand and are pushed. M has 16 such; of 128 worlds of M that jammed for
-1,000 steps under full force at -50 m/s^2, the most had 23 on MJX, which gives some points twice."""
+MIN_CONTACTS = 16
 
 
 def contact_capacity(modules: Iterable[Module]) -> int:
@@ -22,7 +20,7 @@ def contact_capacity(modules: Iterable[Module]) -> int:
     It is 31 for M. On an H200, MJX-JAX takes about as long with 24 to 30 points, and half as long again with 32, where
     its constraint rows pass 127 and XLA sums over them with another kernel (`benchmarks/profile.py`).
     """
-    return JAM_CONTACTS + sum(module.contact_points for module in modules)
+    return max(MIN_CONTACTS, ceil(sum(module.contact_points for module in modules)))
 
 
 def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> None:

@@ -45,9 +45,9 @@ def check_positive(name: str, value: Any) -> float:
 
 def check_friction(name: str, value: Any) -> float | None:
     """A sliding friction that is not negative, or None for MuJoCo's default."""
-    if value is not None and (not isinstance(value, int | float) or not 0 <= value < float("inf")):
+    if value is not None and (not isinstance(value, int | float | np.number) or not 0 <= value < float("inf")):
         raise ValueError(f"{name}: got {value!r}; takes a number of at least 0, or None")
-    return value
+    return None if value is None else float(value)
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
@@ -71,6 +71,15 @@ def check_per_object(name: str, value: Callable | Sequence[Callable], n: int) ->
         if not callable(fn):
             raise ValueError(f"{name}: got {fn!r}; takes a function (layout, cells) -> weights")
     return fns
+
+
+def check_not_donated(states: Any) -> None:
+    """Refuses states whose memory was given to an earlier step."""
+    if any(isinstance(x, jax.Array) and not is_traced(x) and x.is_deleted() for x in jax.tree.leaves(states)):
+        raise RuntimeError(
+            "states: these were donated to an earlier Worlds.step and their memory is in use again; "
+            "keep its result instead, or make Worlds(..., donate=False)"
+        )
 
 
 def check_key(name: str, key: Any) -> None:

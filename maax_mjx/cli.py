@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import tyro
 from tqdm import tqdm
 
@@ -19,8 +20,11 @@ from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.viewer import contact_sheet, gif
 
 SHEET = 12
-HOLD = 20
-FRAME_EVERY = 5
+HOLD = 24
+FRAME_EVERY = 8
+"""Env steps per frame of the gif: 40 ms, for which it is shown."""
+MAX_FRAMES = 250
+"""Of the gif, which shows the first ten seconds of a longer rollout."""
 
 
 @dataclass
@@ -56,6 +60,8 @@ def rollout(args: Rollout) -> None:
     """Runs `maax-mjx rollout`."""
     if args.worlds < 1 or args.steps < 1:
         raise ValueError(f"worlds, steps: got {args.worlds}, {args.steps}; take at least 1 each")
+    if not 0 <= args.seed < 2**63:
+        raise ValueError(f"seed: got {args.seed}; takes 0 to 2**63 - 1")
     env = maax.make(
         "standard",
         scenario=args.scenario,
@@ -67,35 +73,57 @@ def rollout(args: Rollout) -> None:
     )
     args.out.mkdir(parents=True, exist_ok=True)
     worlds = Worlds(env, args.worlds)
-    key = jax.random.key(args.seed)
+    world_key, action_key = jax.random.split(jax.random.key(args.seed))
     print(f"compiling for {env.base.engine.impl} on {jax.devices()[0].device_kind} ...", flush=True)
     start = time.perf_counter()
-    states = worlds.reset(key, stagger=True)
+    states = worlds.reset(world_key, stagger=True)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
-    advance = _advance(worlds)
-    states = jax.block_until_ready(advance(states, jax.random.fold_in(key, 0)))
+    advance = _advance(worlds).lower(states, action_key, 1).compile()
     compiled = time.perf_counter() - start
-    frames = [world_of(states, 0)]
-    done, spent = FRAME_EVERY, 0.0
-    total = max(args.steps, FRAME_EVERY)
-    try:
-        with tqdm(total=total, initial=done, unit="step", desc=f"{args.worlds} worlds", mininterval=0.5) as bar:
-            while done < total:
-                start = time.perf_counter()
-                states = jax.block_until_ready(advance(states, jax.random.fold_in(key, done // HOLD)))
-                spent += time.perf_counter() - start
-                done += FRAME_EVERY
-                bar.update(FRAME_EVERY)
-                bar.set_postfix_str(f"{(done - FRAME_EVERY) * args.worlds / spent:,.0f} env-steps/s")
+    frames, done, spent = [world_of(states, 0)], 0, 0.0
+    with (
+        _Interrupt() as interrupt,
+        tqdm(total=args.steps, unit="step", desc=f"{args.worlds} worlds", mininterval=0.5) as bar,
+    ):
+        while done < args.steps and not interrupt.asked:
+            n = min(FRAME_EVERY, args.steps - done)
+            start = time.perf_counter()
+            key = jax.random.fold_in(action_key, done // HOLD)
+            states = jax.block_until_ready(advance(states, key, jnp.asarray(n)))
+            spent += time.perf_counter() - start
+            done += n
+            bar.update(n)
+            bar.set_postfix_str(f"{done * args.worlds / spent:,.0f} env-steps/s")
+            if len(frames) < MAX_FRAMES:
                 frames.append(world_of(states, 0))
-    except KeyboardInterrupt:
+    if interrupt.asked:
         print("interrupted: writing what was done")
-    _summary(env, states, args.worlds, done - FRAME_EVERY, spent, compiled)
+    _summary(env, states, args.worlds, done, spent, compiled)
     print(f"drawing into {args.out}/ ...", flush=True)
     contact_sheet(env, first, args.out / "worlds.png", [f"world {i}" for i in range(len(first))])
     (args.out / "world.xml").write_text(maax.to_mjcf(env, states, world=0))
     gif(env, tqdm(frames, desc="rollout.gif", unit="frame", mininterval=0.5), args.out / "rollout.gif")
-    print(f"wrote {args.out}/worlds.png, {args.out}/rollout.gif, {args.out}/world.xml")
+    print(f"wrote {args.out}/worlds.png, {args.out}/rollout.gif, {args.out}/world.xml (its keyframe 0 is this state)")
+
+
+class _Interrupt:
+    """Notes Ctrl-C instead of raising it, which would tear down the physics in the middle of a step.
+
+    A second one raises.
+    """
+
+    def __enter__(self) -> _Interrupt:
+        self.asked = False
+        self._before = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _note(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
 
 
 def _count(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:
@@ -106,12 +134,12 @@ def _count(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:
     raise ValueError(f"{name}: got {values}; takes one number, or LOW HIGH")
 
 
-def _advance(worlds: Worlds) -> Callable[[WorldsState, jax.Array], WorldsState]:
-    """`FRAME_EVERY` steps under one random action of every world."""
+def _advance(worlds: Worlds) -> jax.stages.Wrapped:
+    """`(states, key, n)`: n steps under one random action of every world."""
 
-    def advance(states: WorldsState, key: jax.Array) -> WorldsState:
+    def advance(states: WorldsState, key: jax.Array, n: jax.Array) -> WorldsState:
         action = worlds.sample_action(key)
-        return jax.lax.scan(lambda s, _: (worlds.step_fn(s, action), None), states, length=FRAME_EVERY)[0]
+        return jax.lax.fori_loop(0, n, lambda _, s: worlds.step_fn(s, action), states)
 
     return jax.jit(advance, donate_argnums=0)
 
@@ -142,9 +170,12 @@ def main() -> None:
     app.command(name="rollout")(_rollout)
     try:
         app.cli(description="maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.")
-    except (ValueError, maax.MissingLibraryError) as error:
+    except (ValueError, OSError, maax.MissingLibraryError) as error:
         print(f"maax-mjx: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("maax-mjx: interrupted", file=sys.stderr)
+        raise SystemExit(130) from None
 
 
 def _rollout(args: tyro.conf.OmitArgPrefixes[Rollout]) -> None:

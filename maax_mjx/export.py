@@ -10,6 +10,7 @@ import jax
 import mujoco
 import numpy as np
 
+from maax_mjx.checks import check_not_donated
 from maax_mjx.env import Environment
 from maax_mjx.physics import overlaid_model
 from maax_mjx.state import State
@@ -20,13 +21,17 @@ def world_of(state: State, world: int | None = None) -> State:
 
     Raises:
         ValueError: a batch without `world`, or `world` out of range.
+        RuntimeError: states that were donated to a later step.
     """
+    if not isinstance(state, State):
+        raise ValueError(f"state: got {type(state).__name__}; takes a state, as reset and step give it")
+    check_not_donated(state.step)
     shape = np.shape(state.step)
     if not shape:
         if world is not None:
             raise ValueError(f"world: got {world}; the state is of a single world and takes None")
         return jax.device_get(state)
-    if isinstance(world, bool) or not isinstance(world, int) or not -shape[0] <= world < shape[0]:
+    if isinstance(world, bool) or not isinstance(world, int | np.integer) or not -shape[0] <= world < shape[0]:
         raise ValueError(f"world: got {world}; the state is a batch and takes an index below {shape[0]}")
     return jax.device_get(_take(State(**{name: getattr(state, name) for name in _FIELDS}), world % shape[0]))
 

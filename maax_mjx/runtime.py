@@ -17,8 +17,13 @@ def guard_small_hosts() -> None:
     every pool thread idle, the executable waiting). XLA reads NPROC when its client starts; a value that the user
     set stays.
     """
-    if (os.cpu_count() or 1) <= FEW_CORES:
+    if _cores() <= FEW_CORES:
         os.environ.setdefault("NPROC", XLA_CPU_THREADS)
+
+
+def _cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def import_mjx() -> None:

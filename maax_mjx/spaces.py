@@ -52,6 +52,8 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) ->
     if set(action) != set(space.spaces):
         raise ValueError(f"action: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
     for name, sub in space.spaces.items():
+        if not hasattr(action[name], "dtype") and isinstance(action[name], str):
+            raise ValueError(f"action: {name!r} is {action[name]!r}; takes an array")
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"action: {name!r} has shape {jnp.shape(action[name])}; takes {want}")

@@ -19,7 +19,7 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
 
     Spaces hold what comes out; jit gives what eager gives, and vmap what a loop gives, to 1e-4; reset and step are
     traced once; the same key gives the same world and the same run; everything is finite; a step's State has the tree,
-    shapes and dtypes of the one that went in; arrays per agent have one row per agent.
+    shapes and dtypes of the one that went in; there is a reward for every agent.
 
     Args:
         env: the environment.
@@ -44,12 +44,12 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
 
     jit_reset, jit_step = jax.jit(reset), jax.jit(step)
     loop = [_run(jit_reset, jit_step, key, [_row(a, i) for a in actions]) for i, key in enumerate(keys)]
+    for i, states in enumerate(loop):
+        _check_states(env, states, f"world {i}")
     if traces != {"reset": 1, "step": 1}:
         raise AssertionError(f"reset and step were traced {traces} times for {n_worlds} worlds; each must be once")
     again = _run(jit_reset, jit_step, keys[0], [_row(a, 0) for a in actions])
     _same(loop[0], again, "two runs from the same key", exact=True)
-    for i, states in enumerate(loop):
-        _check_states(env, states, f"world {i}")
     if _equal(loop[0][0].data.qpos, loop[1][0].data.qpos) and _equal(
         loop[0][0].world.plan.doors, loop[1][0].world.plan.doors
     ):

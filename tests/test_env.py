@@ -24,9 +24,21 @@ def test_check_env_with_ranges(env_ranges):
 
 
 class Broken(Base):
-    """M with one thing wrong."""
+    """Two agents on an open floor, with one thing wrong."""
 
     wrong = ""
+    calls = 0
+
+    def reset(self, key, params=None):
+        self.calls += 1
+        if self.wrong == "one world":
+            key = jax.random.key(0)
+        out = super().reset(key, params)
+        if self.wrong == "eager":
+            out = out.replace(reward=out.reward + (not isinstance(out.reward, jax.core.Tracer)))
+        if self.wrong == "vmap":
+            out = out.replace(reward=out.reward + float(self.calls > 1))
+        return out
 
     def step(self, state, action):
         out = super().step(state, action)
@@ -43,16 +55,35 @@ class Broken(Base):
                 return out.replace(obs=out.obs | {"agent_pos": out.obs["agent_pos"][:1]})
             case "step":
                 return out.replace(step=state.step)
+            case "chance":
+                noise = jax.pure_callback(lambda: np.float32(np.random.uniform()), jax.ShapeDtypeStruct((), "float32"))  # noqa: NPY002
+                return out.replace(reward=out.reward + noise)
         return out
 
 
-@pytest.mark.parametrize("wrong", ["dtype", "tree", "shape", "nan", "space", "step"])
-def test_check_env_finds_what_is_wrong(wrong):
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("dtype", "step changed a shape or dtype"),
+        ("tree", "step changed the tree"),
+        ("shape", "step changed a shape or dtype"),
+        ("nan", "not finite"),
+        ("space", "step changed a shape or dtype"),
+        ("step", r"state\.step is 0"),
+        ("chance", "two runs from the same key differ"),
+        ("one world", "two different keys the same world"),
+        ("eager", "jit and eager reset differ"),
+        ("vmap", "vmap and loop"),
+    ],
+)
+def test_check_env_finds_what_is_wrong(wrong, message):
     env = Broken(2, impl="c")
     env.wrong = wrong
     env.add_module(maax.WallScenarios("empty"))
     env.add_module(maax.Agents(2))
-    with pytest.raises(AssertionError):
+    _ = env.observation_space, env.model
+    env.calls = 0
+    with pytest.raises(AssertionError, match=message):
         check_env(env, n_worlds=2, n_steps=2)
 
 

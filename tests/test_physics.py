@@ -173,3 +173,76 @@ def test_contact_overflow_is_reported(impl):
         state = step(state, {"move": jnp.zeros((4, 3))})
         flags.append(bool(state.metrics["contact_overflow"]))
     assert flags[-1]
+
+
+def test_no_overflow_where_there_is_room():
+    """One agent and the floor make one contact: all of them in use is not too many."""
+    env = maax.Base(1, impl="jax")
+    env.add_module(maax.Agents(1))
+    state = env.step(env.reset(jax.random.key(0)), {"move": jnp.zeros((1, 3))})
+    assert not state.metrics["contact_overflow"]
+
+
+def test_overflow_is_counted_by_worlds():
+    pytest.importorskip("warp")
+    worlds = maax.Worlds(maax.make("standard", impl="warp", contacts_per_world=4), 3)
+    states = worlds.reset(jax.random.key(0))
+    for _ in range(3):
+        states = worlds.step(states, {"move": jnp.zeros((3, 4, 3))})
+    assert (states.counts["contact_overflow"] >= 2).all()
+
+
+@pytest.mark.parametrize("gravity", [-9.81, -50.0])
+def test_gravity_moves_what_falls(gravity):
+    env = maax.Base(1, impl="c", world_params=maax.WorldParams(gravity=gravity))
+    env.add_module(maax.Agents(1))
+    state = env.reset(jax.random.key(0))
+    z, vz = env.agents.qpos_ids[0][2], env.agents.qvel_ids[0][2]
+    state = state.replace(data=state.data.replace(qpos=state.data.qpos.at[z].set(1.0)))
+    state = env.step(state, {"move": jnp.zeros((1, 3))})
+    np.testing.assert_allclose(state.data.qvel[vz], gravity * 0.005, rtol=0.01)
+
+
+@pytest.mark.parametrize("impl", ["c", "warp"])
+def test_free_joints(impl):
+    """Free boxes and ramps: parked ones rest, the others follow plain MuJoCo (step by step, from C's states)."""
+    if impl == "warp":
+        pytest.importorskip("warp")
+    envs = {}
+    for name in dict.fromkeys((impl, "c")):
+        envs[name] = maax.Base(2, impl=name)
+        for module in (maax.WallScenarios("empty"), maax.Agents(2), maax.Boxes((1, 3), free=True)):
+            envs[name].add_module(module)
+        envs[name].add_module(maax.Ramps(1, free=True))
+    env = envs["c"]
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(5), 8))
+    worlds = [plain(env, states, i) for i in range(8)]
+    steps = {name: jax.jit(jax.vmap(e.step)) for name, e in envs.items()}
+    parked = ~np.asarray(states.world.active["box"])
+    assert parked.any()
+    before = np.asarray(states.data.qpos)[:, env.modules["boxes"].qpos_ids]
+    for t in range(60):
+        action = bang_bang(300 + t // HELD, 8, 2)
+        if impl != "c" and t % 10 == 0:
+            other = steps[impl](states.replace(data=states.data.replace(engine=())), {"move": action})
+        states = steps["c"](states, {"move": action})
+        if impl != "c" and t % 10 == 0:
+            assert np.median(np.abs(other.data.qpos - states.data.qpos).max(axis=1)) < 1e-4
+        for (model, data), move in zip(worlds, action, strict=True):
+            data.ctrl[:] = move.ravel()
+            mujoco.mj_step(model, data)
+    if impl == "c":
+        assert np.abs(np.stack([d.qpos for _, d in worlds]) - states.data.qpos).max() < 1e-5
+    after = np.asarray(states.data.qpos)[:, env.modules["boxes"].qpos_ids]
+    np.testing.assert_allclose(after[parked], before[parked], atol=1e-6)
+
+
+@pytest.mark.parametrize("first", ["c", "jax", "warp"])
+@pytest.mark.parametrize("then", ["c", "warp"])
+def test_a_state_goes_on_on_another_engine(first, then, request):
+    a, b = (request.getfixturevalue(f"env_{impl}") for impl in (first, then))
+    state = jax.jit(a.reset)(jax.random.key(4))
+    action = {"move": jnp.full((4, 3), 0.5)}
+    onward, own = b.step(state, action), a.step(state, action)
+    np.testing.assert_allclose(onward.data.qpos, own.data.qpos, atol=1e-4)
+    maax.to_mjcf(b, state)

@@ -57,3 +57,9 @@ def test_auto(monkeypatch, backend, version, warp, best):
     monkeypatch.setattr(jax, "local_devices", lambda: [Device])
     monkeypatch.setattr(select, "find_spec", lambda name: object() if warp else None)
     assert select._best_impl() == best
+
+
+def test_c_is_refused_where_jax_computes_elsewhere(env_c, monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with pytest.raises(RuntimeError, match=r"impl: got 'c' where JAX computes on gpu"):
+        select.make_engine("c", env_c.model, env_c.overlay, 16)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from maax_mjx import Agents, Base, Boxes, State, WallScenarios, Worlds, WorldsState
+from maax_mjx import Agents, Base, Boxes, State, WallScenarios, Worlds, WorldsState, to_mjcf
 
 N, FEW, HORIZON = 24, 12, 5
 STEPS = 3 * HORIZON
@@ -374,3 +374,26 @@ def test_all_worlds_at_once_when_nothing_is_drawn_ahead(brief, horizon, batch_re
         seen.append(layouts(states))
     seen = np.concatenate(seen)
     assert len(np.unique(seen, axis=0)) == len(seen)
+
+
+def test_states_from_the_host_go_on(env_c):
+    """As a checkpoint restores them."""
+    worlds = Worlds(env_c, 2, donate=False)
+    states = worlds.reset(jax.random.key(0))
+    action = worlds.sample_action(jax.random.key(1))
+    restored = jax.tree.map(
+        lambda x: x if jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key) else np.asarray(x), states
+    )
+    np.testing.assert_array_equal(worlds.step(restored, action).data.qpos, worlds.step(states, action).data.qpos)
+
+
+def test_donated_states_are_refused_everywhere(env_c):
+    worlds = Worlds(env_c, 2)
+    states = worlds.reset(jax.random.key(0))
+    worlds.step(states, worlds.sample_action(jax.random.key(1)))
+    for use in (
+        lambda: worlds.step(states, worlds.sample_action(jax.random.key(1))),
+        lambda: to_mjcf(env_c, states, 0),
+    ):
+        with pytest.raises(RuntimeError, match=r"donated to an earlier Worlds\.step"):
+            use()

@@ -81,6 +81,7 @@ class Config:
         steps: env steps of every rollout.
         held: for how many steps an action is held.
         gravity: m/s^2.
+        contacts_per_world: room for contact points; as many as the environment takes by itself if left out.
         out: JSON file to write; nothing is written without one.
     """
 
@@ -89,6 +90,7 @@ class Config:
     steps: int = 1000
     held: tuple[int, ...] = (1, 20, 100, 1000)
     gravity: tuple[float, ...] = (-9.81, -50.0)
+    contacts_per_world: int | None = None
     out: Path | None = None
 
 
@@ -101,6 +103,7 @@ class Row:
     steps: int
     held: int
     gravity: float
+    contacts_per_world: int
     finite: bool
     inside: bool
     faults_truncate: bool
@@ -112,10 +115,15 @@ class Row:
 
 def main(config: Config) -> None:
     """Plays every combination, prints what was seen, and writes the JSON after each."""
+    if config.steps < CHUNK or config.steps % CHUNK:
+        raise ValueError(f"steps: got {config.steps}; takes a multiple of {CHUNK}")
     rows: list[Row] = []
     for impl in config.impl:
         for gravity in config.gravity:
-            env = maax.make("standard", impl=impl, world_params=maax.WorldParams(gravity=gravity))
+            params = maax.WorldParams(gravity=gravity)
+            env = maax.make(
+                "standard", impl=impl, world_params=params, contacts_per_world=config.contacts_per_world
+            ).base
             worlds = maax.Worlds(env, config.worlds)
             play = player(worlds)
             chunks = jnp.arange(config.steps // CHUNK * CHUNK).reshape(-1, CHUNK)
@@ -133,6 +141,7 @@ def main(config: Config) -> None:
                     steps=chunks.size,
                     held=held,
                     gravity=gravity,
+                    contacts_per_world=env.contacts_per_world,
                     finite=bool(seen.finite),
                     inside=bool(seen.inside),
                     faults_truncate=bool(seen.truncating),

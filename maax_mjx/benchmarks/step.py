@@ -31,7 +31,7 @@ from maax_mjx.physics.engine import MjxEngine
 
 ROUNDS = 8
 DISTINCT = 16
-RESET_SHARE = 5 / 6
+EPISODES = 2.5
 
 
 @dataclass
@@ -43,8 +43,10 @@ class Config:
         worlds: batch sizes.
         steps: env steps per measurement, in turns of an eighth each.
         max_world_steps: fewer steps are taken of large batches, so that worlds x steps stays below this.
-        horizon: env steps per episode; at most five sixths of the steps, so that every world is reset.
+        horizon: env steps per episode; at most so many that the steps hold two and a half episodes, so that every world
+            is reset twice, the second time from a layout drawn on the way.
         held: for how many steps an action is held; 1 redraws it every step.
+        contacts_per_world: room for contact points; as many as the environment takes by itself if left out.
         out: JSON file to write; nothing is written without one.
     """
 
@@ -54,6 +56,7 @@ class Config:
     max_world_steps: float = 2e7
     horizon: int = 1000
     held: tuple[int, ...] = (1, 20)
+    contacts_per_world: int | None = None
     out: Path | None = None
 
 
@@ -67,6 +70,7 @@ class Row:
     held: int
     steps: int
     horizon: int
+    contacts_per_world: int
     env_steps_per_s: float
     bare_steps_per_s: float
     ratio: float
@@ -148,8 +152,8 @@ def _roll_c(ids: np.ndarray, batch: Batch, moves: jax.Array, steps: jax.Array, h
 def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
     """Times env steps and bare steps in turns, under every protocol; each is compiled once."""
     n_steps = max(ROUNDS, min(config.steps, int(config.max_world_steps) // n_worlds) // ROUNDS * ROUNDS)
-    horizon = max(1, min(config.horizon, int(n_steps * RESET_SHARE)))
-    env = maax.make("standard", impl=impl, horizon=horizon).base
+    horizon = max(1, min(config.horizon, int(n_steps / EPISODES)))
+    env = maax.make("standard", impl=impl, horizon=horizon, contacts_per_world=config.contacts_per_world).base
     worlds = maax.Worlds(env, n_worlds)
     started = time.perf_counter()
     states = jax.block_until_ready(worlds.reset(jax.random.key(0)))
@@ -184,6 +188,7 @@ def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
                 held=held,
                 steps=n_steps,
                 horizon=horizon,
+                contacts_per_world=env.contacts_per_world,
                 env_steps_per_s=round(total / spent["env"]),
                 bare_steps_per_s=round(total / spent["bare"]),
                 ratio=round(spent["bare"] / spent["env"], 3),
@@ -208,7 +213,7 @@ def main(config: Config) -> None:
                 rows.append(row)
                 print(
                     f"{row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} {row.env_steps_per_s:11,.0f} "
-                    f"{row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} {row.physics_faults}",
+                    f"{row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} {row.physics_faults:6} {row.contact_overflows:8}",
                     flush=True,
                 )
                 record.write(config.out, config, rows)

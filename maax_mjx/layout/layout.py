@@ -64,7 +64,10 @@ class Layout(struct.PyTreeNode):
         """
         grid, g = self.grid, self.grid.size
         cells = grid.footprint(extent)
-        weights = jnp.where(grid.free(cells), placement_fn(self, cells), 0.0)
+        weights = placement_fn(self, cells)
+        if jnp.shape(weights) != (g, g):
+            raise ValueError(f"placement_fn: returned weights of shape {jnp.shape(weights)}; takes {(g, g)}")
+        weights = jnp.where(grid.free(cells), weights, 0.0)
         # -log(u) / w is exponential with rate w: the smallest of them picks a cell with probability w / sum(w).
         u = _uniform(seed[0], jnp.arange(g * g, dtype=jnp.uint32).reshape(g, g))
         score = jnp.where(weights > 0, -jnp.log(u) / jnp.maximum(weights, 1e-30), jnp.inf)

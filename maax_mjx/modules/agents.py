@@ -39,7 +39,7 @@ class Agents(Entities):
     kind = "agent"
     count_name = "n_agents"
     rest_depth = 3.67e-4
-    contacts_each = 2
+    contacts_each = 4.5
 
     def __init__(
         self,

@@ -26,7 +26,8 @@ class Entities(Module):
         rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
             gravity. Put down at exactly zero it would be in contact or fall by the last bit of a float, and no two
             engines would agree on its first steps.
-        contacts_each: contact points of one that stands and is pushed.
+        contacts_each: contact points of one in a jam, on MJX, which gives some points twice. In 128 worlds of M, jammed
+            for 1,000 steps under full force at -50 m/s^2, the most were 23, of 31 that this makes.
 
     Args:
         count: how many per world, or (low, high).
@@ -38,7 +39,7 @@ class Entities(Module):
     kind: str
     count_name: str
     rest_depth = 1.08e-4
-    contacts_each = 4
+    contacts_each = 6.5
 
     def __init__(
         self,
@@ -69,7 +70,7 @@ class Entities(Module):
         return {"body_gravcomp": self.body_ids}
 
     @property
-    def contact_points(self) -> int:
+    def contact_points(self) -> float:
         return self.contacts_each * self.n_max
 
     @property

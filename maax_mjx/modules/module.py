@@ -36,8 +36,8 @@ class Module:
         return {}
 
     @property
-    def contact_points(self) -> int:
-        """How many contact points its entities may need at once, for the engines' capacities."""
+    def contact_points(self) -> float:
+        """How many contact points its entities need in a jam, for the engines' capacities."""
         return 0
 
     @property

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.checks import check_count, check_key, is_traced
+from maax_mjx.checks import check_count, check_key, check_not_donated
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams, check_params
 from maax_mjx.spaces import check_action
@@ -108,11 +108,7 @@ class Worlds:
         if not isinstance(states, WorldsState) or jnp.shape(states.step) != (self.n_worlds,):
             got = f"{jnp.size(states.step)} worlds" if isinstance(states, WorldsState) else type(states).__name__
             raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")
-        if not is_traced(states.step) and states.step.is_deleted():
-            raise RuntimeError(
-                "states: these were donated to an earlier Worlds.step and their memory is in use again; "
-                "keep its result instead, or make Worlds(..., donate=False)"
-            )
+        check_not_donated(states.step)
         check_action(self.env.action_space, action, (self.n_worlds,))
         return self._step(states, action)
 

@@ -51,21 +51,28 @@ class CEngine(Engine):
         return jnp.where(anew, 0.0, carried)
 
     def exact(self, data: Data) -> dict[str, np.ndarray]:
-        rest = np.split(np.asarray(data.engine, float), np.cumsum([np.size(getattr(data, n)) for n in ADVANCED])[:-1])
+        rest = np.split(
+            np.asarray(self._carried(data), float), np.cumsum([np.size(getattr(data, n)) for n in ADVANCED])[:-1]
+        )
         out = super().exact(data)
         return out | {name: out[name] + part for name, part in zip(ADVANCED, rest, strict=True)}
 
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         state = {name: getattr(data, name) for name in INPUTS}
+        rest = self._carried(data)
         fields = {name: world.fields[name] for name in self.overlay}
         results = {name: jax.ShapeDtypeStruct(state[name].shape, state[name].dtype) for name in ADVANCED}
-        results["engine"] = jax.ShapeDtypeStruct(data.engine.shape, data.engine.dtype)
+        results["engine"] = jax.ShapeDtypeStruct(rest.shape, rest.dtype)
         results["full"] = jax.ShapeDtypeStruct((), bool)
         # Not jax.pure_callback: that copies to and fro through device_put, for 0.1 to 0.2 ms a call.
         call = buffer_callback(partial(self._step_batch, n_frames), results, vmap_method="broadcast_all")
-        out = call(state, fields, data.engine)
+        out = call(state, fields, rest)
         full = out.pop("full")
         return data.replace(**out), full
+
+    def _carried(self, data: Data) -> jax.Array:
+        """What the engine carries; nothing yet in a state that another engine made."""
+        return jnp.asarray(data.engine) if isinstance(data.engine, jax.Array | np.ndarray) else self.carry(data)
 
     def _step_batch(self, n_frames: int, context: Any, out: Any, state: Any, fields: Any, rest: Any) -> None:
         """Host side. All arguments have the same leading axes, of as many worlds as there are."""

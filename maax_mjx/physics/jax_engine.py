@@ -27,12 +27,18 @@ class JaxEngine(MjxEngine):
 
     Differentiable, forward and reverse, in what is named in `STARTS`. A derivative through a step costs as many
     forward derivatives as these have numbers, whatever its direction.
+
+    Args:
+        model: the compiled model; its numeric `max_contact_points` is how many contact points are kept.
+        overlay: the rows in which worlds differ.
+        contacts_per_world: that number.
     """
 
     impl = "jax"
 
-    def __init__(self, model: mujoco.MjModel, overlay: Overlay):
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int):
         super().__init__(model, overlay)
+        self.contacts_per_world = contacts_per_world
         self._frame_with_jacobian = with_jacobian(self._frame, NO_GRADIENT)
 
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
@@ -61,7 +67,7 @@ class JaxEngine(MjxEngine):
         fields, others = fixed
         d = mjx.step(self.mjx.overlay(fields), self.mjx.data(starts | others))
         dist = d._impl.contact.dist
-        # The deepest contacts are kept: some may be missing only if every kept one is active.
-        overflow = jnp.all(dist < 0) if dist.size else jnp.zeros((), bool)
+        # The deepest contacts are kept: some may be missing only if there is no room left and every kept one is active.
+        overflow = jnp.all(dist < 0) if dist.size >= self.contacts_per_world else jnp.zeros((), bool)
         rest = {"time": d.time, "qacc_warmstart": d.qacc_warmstart}
         return {"qpos": d.qpos, "qvel": d.qvel}, (rest, overflow)

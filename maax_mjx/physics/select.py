@@ -38,11 +38,19 @@ def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per
     """The engine for `model`.
 
     "auto" is `warp` on NVIDIA where it is installed, `jax` on other accelerators, and `c` where JAX has only a CPU.
+
+    Raises:
+        RuntimeError: `c` where JAX computes on an accelerator, whose memory its host code does not see.
     """
     impl = check_impl(impl)
     if impl == "auto":
         impl = _best_impl()
     if impl == "c":
+        if jax.default_backend() != "cpu":
+            raise RuntimeError(
+                f"impl: got 'c' where JAX computes on {jax.default_backend()}; takes 'warp' or 'jax' there, "
+                "or set JAX_PLATFORMS=cpu before JAX starts"
+            )
         from maax_mjx.physics.c_engine import CEngine
 
         return CEngine(model, overlay)
@@ -52,7 +60,7 @@ def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per
         return WarpEngine(model, overlay, contacts_per_world)
     from maax_mjx.physics.jax_engine import JaxEngine
 
-    return JaxEngine(model, overlay)
+    return JaxEngine(model, overlay, contacts_per_world)
 
 
 def warp_is_installed() -> bool:
