@@ -204,9 +204,7 @@ def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
 def main(config: Config) -> None:
     """Runs all measurements, prints a table and writes the JSON after each, so that an interruption loses none."""
     rows: list[Row] = []
-    print(
-        f"{'impl':5} {'worlds':>7} {'episodes':>10} {'held':>5} {'env/s':>11} {'bare/s':>11} {'ratio':>6} faults/over"
-    )
+    print("impl   worlds   episodes  held       env/s      bare/s  ratio faults overflow")
     for impl in config.impl:
         for n_worlds in config.worlds:
             for row in measure(impl, n_worlds, config):
