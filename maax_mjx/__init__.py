@@ -9,8 +9,19 @@ from maax_mjx import testing  # noqa: E402
 from maax_mjx.base import Base  # noqa: E402
 from maax_mjx.env import Environment  # noqa: E402
 from maax_mjx.export import to_mjcf  # noqa: E402
-from maax_mjx.layout import outside_quad_placement, quad_placement, uniform_placement  # noqa: E402
-from maax_mjx.modules import Agents, Boxes, Module, Ramps, WallScenarios  # noqa: E402
+from maax_mjx.layout import (  # noqa: E402
+    all_of,
+    any_of,
+    centre_placement,
+    middle_placement,
+    outside_quad_placement,
+    proximity_placement,
+    quad_placement,
+    room_placement,
+    separation_placement,
+    uniform_placement,
+)
+from maax_mjx.modules import Agents, Boxes, Module, Ramps, RandomWalls, WallScenarios  # noqa: E402
 from maax_mjx.parallel import Worlds, WorldsState  # noqa: E402
 from maax_mjx.params import DomainParams  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError  # noqa: E402
@@ -30,15 +41,23 @@ __all__ = [
     "Module",
     "NotDifferentiableError",
     "Ramps",
+    "RandomWalls",
     "State",
     "WallScenarios",
     "WorldParams",
     "Worlds",
     "WorldsState",
+    "all_of",
+    "any_of",
+    "centre_placement",
     "jitted",
     "make",
+    "middle_placement",
     "outside_quad_placement",
+    "proximity_placement",
     "quad_placement",
+    "room_placement",
+    "separation_placement",
     "tasks",
     "testing",
     "to_mjcf",

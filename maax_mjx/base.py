@@ -295,6 +295,7 @@ class Base(Environment):
             qpos=jnp.asarray(self.model.qpos0, float),
             fields=model_fields(self.model, self.overlay),
             active={},
+            objects={},
             valid=jnp.ones((), bool),
             attempt=attempt,
         )

@@ -43,6 +43,15 @@ def check_positive(name: str, value: Any) -> float:
     return float(value)
 
 
+def check_fraction(name: str, value: Any) -> tuple[float, float]:
+    """A share in [0, 1], or (low, high) with 0 <= low <= high <= 1."""
+    pair = value if isinstance(value, tuple | list) else (value, value)
+    numbers = len(pair) == 2 and all(isinstance(v, int | float | np.number) and not isinstance(v, bool) for v in pair)
+    if not numbers or not 0 <= pair[0] <= pair[1] <= 1:
+        raise ValueError(f"{name}: got {value!r}; takes a number in [0, 1], or (low, high) with low <= high")
+    return float(pair[0]), float(pair[1])
+
+
 def check_friction(name: str, value: Any) -> float | None:
     """A sliding friction that is not negative, or None for MuJoCo's default."""
     if value is not None and (not isinstance(value, int | float | np.number) or not 0 <= value < float("inf")):

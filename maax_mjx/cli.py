@@ -42,8 +42,8 @@ class Rollout:
     """Of the worlds and the actions."""
     impl: str = "auto"
     """Physics engine: auto, c, jax or warp."""
-    scenario: str = "quad"
-    """Room scenario: quad or empty."""
+    scenario: tuple[str, ...] = ("quad",)
+    """Room scenario: empty, half, quad, var_quad, tri or random; of several, every world draws one."""
     n_hiders: int = 2
     """Agents that start inside the quadrant."""
     n_seekers: int = 2

@@ -19,13 +19,18 @@ class Parameter:
 
     Attributes:
         name: unique within an environment, such as "n_boxes".
-        default: (low, high), the range drawn from unless the params say otherwise.
+        default: (low, high), the range drawn from unless the params say otherwise. Whole numbers for a count.
         bound: (low, high), the values that the compiled model can hold.
     """
 
     name: str
-    default: tuple[int, int]
-    bound: tuple[int, int]
+    default: tuple[float, float]
+    bound: tuple[float, float]
+
+    @property
+    def dtype(self) -> Any:
+        """int32 of a count, the default float of anything else."""
+        return jnp.int32 if all(isinstance(x, int) for x in self.default) else jnp.result_type(float)
 
 
 @jax.tree_util.register_pytree_with_keys_class
@@ -47,14 +52,16 @@ class DomainParams(Mapping[str, jax.Array]):
         """The params with some ranges changed; a single number is a range of one value.
 
         Raises:
-            ValueError: an unknown name, or values that are not whole numbers.
+            ValueError: an unknown name, or values that are not numbers, or not whole ones for a count.
         """
         new = dict(self._ranges)
         for name, value in ranges.items():
             check_choice("DomainParams.replace", name, new)
-            if not is_traced(value) and np.asarray(value).dtype.kind not in "iu":
-                raise ValueError(f"{name}: got {value!r}; takes a whole number, or (low, high) of whole numbers")
-            array = jnp.asarray(value, jnp.int32)
+            dtype = new[name].dtype
+            if not is_traced(value) and np.asarray(value).dtype.kind not in "iu" + "f" * (dtype != jnp.int32):
+                what = "whole number" if dtype == jnp.int32 else "number"
+                raise ValueError(f"{name}: got {value!r}; takes a {what}, or (low, high) of {what}s")
+            array = jnp.asarray(value, dtype)
             new[name] = jnp.stack([array, array]) if array.ndim == 0 else array
         return DomainParams(new)
 
@@ -83,10 +90,15 @@ class DomainParams(Mapping[str, jax.Array]):
         low, high = self._ranges[name]
         return jax.random.randint(key, (), low, high + 1)
 
+    def draw(self, key: jax.Array, name: str) -> jax.Array:
+        """A number, uniform over the parameter's range: () float."""
+        low, high = self._ranges[name]
+        return low + (high - low) * jax.random.uniform(key)
+
 
 def default_params(parameters: Mapping[str, Parameter]) -> DomainParams:
     """The default range of every declared parameter."""
-    return DomainParams({name: jnp.array(p.default, jnp.int32) for name, p in parameters.items()})
+    return DomainParams({name: jnp.array(p.default, p.dtype) for name, p in parameters.items()})
 
 
 def params_in_bounds(params: DomainParams, parameters: Mapping[str, Parameter]) -> jax.Array:
@@ -119,9 +131,11 @@ def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead
         if jnp.shape(params[name]) not in ((2,), (*lead, 2)):
             takes = " or ".join(map(str, dict.fromkeys([(2,), (*lead, 2)])))
             raise ValueError(f"params: {name} has shape {jnp.shape(params[name])}; takes {takes}")
-        if not jnp.issubdtype(jnp.result_type(params[name]), jnp.integer):
+        kind = jnp.integer if p.dtype == jnp.int32 else jnp.floating
+        if not jnp.issubdtype(jnp.result_type(params[name]), kind):
             got = jnp.result_type(params[name]) if is_traced(params[name]) else np.asarray(params[name]).tolist()
-            raise ValueError(f"params: {name} is {got}; takes whole numbers")
+            what = "whole numbers" if p.dtype == jnp.int32 else "floats"
+            raise ValueError(f"params: {name} is {got}; takes {what}")
         if is_traced(params[name]):
             continue
         value = np.asarray(params[name]).reshape(-1, 2)

@@ -57,12 +57,17 @@ COUNT = "takes a whole number of at least 0, or (low, high) with low <= high"
 ONE = "takes a whole number of at least 1"
 POSITIVE = "takes a positive number"
 NO_QUAD = ("placement_fn: Agents", "there is none", 'add WallScenarios(scenario="quad")')
-NO_DOOR = ("door_size: got 15 cells", "takes 0 to 14")
+NO_DOOR = ("door_size: got 15 cells", "takes 0 to 13")
 NO_ROOM = ("boxes: got 54 objects", "50 boxes", "the floor takes 46", "754 free")
 COLOURS = "takes 2 colours of four numbers, one per agent"
 
 CONSTRUCTION = {
-    "scenario": (lambda: WallScenarios("quda"), "scenario: got 'quda'", "['empty', 'quad']", "did you mean 'quad'?"),
+    "scenario": (
+        lambda: WallScenarios("quda"),
+        "scenario: got 'quda'",
+        "['empty', 'half', 'quad', 'random', 'tri', 'var_quad']",
+        "did you mean 'quad'?",
+    ),
     "boxes negative": (lambda: Boxes(-1), "n_boxes: got -1", COUNT),
     "boxes reversed": (lambda: Boxes((3, 1)), "n_boxes: got (3, 1)", COUNT),
     "boxes fraction": (lambda: Boxes(1.5), "n_boxes: got 1.5", COUNT),
@@ -86,7 +91,7 @@ CONSTRUCTION = {
     "box friction": (lambda: Boxes(1, box_friction=-1.0), "box_friction: got -1.0", "takes"),
     "ramp friction": (lambda: Ramps(1, ramp_friction="ice"), "ramp_friction: got 'ice'", "takes"),
     "door too wide": (lambda: standard(door_size=15), *NO_DOOR),
-    "door of a small grid": (lambda: base(1, WallScenarios("quad", 4), grid_size=8), "door_size: got 4", "0 to 3"),
+    "door of a small grid": (lambda: base(1, WallScenarios("quad", 4), grid_size=8), "door_size: got 4", "0 to 2"),
     "door negative": (lambda: WallScenarios("quad", -1), "door_size: got -1", "takes a whole number of at least 0"),
     "no room": (lambda: standard(n_boxes=50, n_ramps=0), *NO_ROOM),
     "no room for one": (lambda: base(1, Boxes(1, box_size=7.0)), "boxes: got 1 objects", "35 x 35", "takes 0"),
@@ -126,7 +131,7 @@ def test_refused_at_construction(call, fragments):
 
 def test_limits_themselves_are_taken():
     standard(n_boxes=42, n_ramps=0)
-    standard(n_boxes=np.int64(2), n_ramps=(0, 0), horizon=1, n_frames=1, door_size=14)
+    standard(n_boxes=np.int64(2), n_ramps=(0, 0), horizon=1, n_frames=1, door_size=13)
     standard(scenario="empty", door_size=15)
     base(2, Agents(2), Boxes((0, 2), [maax.uniform_placement] * 2), grid_size=8, floor_size=2.5)
     WorldParams(timestep=1e-4, gravity=0.0, iterations=1, ls_iterations=1)

@@ -2,7 +2,19 @@
 
 from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.layout import Layout, PlacementFn
-from maax_mjx.layout.placement import outside_quad_placement, quad_placement, requires_quadrant, uniform_placement
+from maax_mjx.layout.placement import (
+    all_of,
+    any_of,
+    centre_placement,
+    middle_placement,
+    outside_quad_placement,
+    proximity_placement,
+    quad_placement,
+    requires_quadrant,
+    room_placement,
+    separation_placement,
+    uniform_placement,
+)
 from maax_mjx.layout.plan import RoomPlan
 
 __all__ = [
@@ -10,8 +22,15 @@ __all__ = [
     "Layout",
     "PlacementFn",
     "RoomPlan",
+    "all_of",
+    "any_of",
+    "centre_placement",
+    "middle_placement",
     "outside_quad_placement",
+    "proximity_placement",
     "quad_placement",
     "requires_quadrant",
+    "room_placement",
+    "separation_placement",
     "uniform_placement",
 ]

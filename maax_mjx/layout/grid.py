@@ -41,10 +41,13 @@ class Grid(struct.PyTreeNode):
 
     def mark(self, corner: jax.Array, cells: jax.Array, on: jax.Array | bool = True) -> Grid:
         """Marks the rectangle of `cells` (2,) cells whose lower-left cell is `corner` (2,), where `on`."""
+        return self.mark_all(corner[None], cells[None], jnp.asarray(on)[None])
+
+    def mark_all(self, corners: jax.Array, cells: jax.Array, on: jax.Array) -> Grid:
+        """Marks `n` rectangles: corners and cells (n, 2), where `on` (n,)."""
         edge = jnp.arange(self.size + 1)
-        ramp = jnp.clip(edge[:, None] - corner, 0, cells)
-        added = jnp.outer(ramp[:, 0], ramp[:, 1])
-        return self.replace(integral=self.integral + jnp.where(on, added, 0))
+        ramp = jnp.clip(edge[:, None, None] - corners, 0, cells) * on[:, None]
+        return self.replace(integral=self.integral + ramp[..., 0] @ ramp[..., 1].T)
 
     def marks(self, cells: jax.Array) -> jax.Array:
         """(G, G) int32: how many marks the rectangle of `cells` (2,) at every corner cell holds.

@@ -25,6 +25,7 @@ class Layout(struct.PyTreeNode):
         qpos: (nq,) initial configuration; an entity that is not placed keeps its parking pose.
         fields: model fields in which worlds differ, by MuJoCo's name.
         active: by entity kind, (n_max,) bool.
+        objects: by name ("box0"), (3,) the centre of everything placed so far, in metres, and 1, or 0 if it is absent.
         valid: () bool, whether every wanted object found a place.
         attempt: () int32, which redraw this is. Places depend on it, counts do not.
     """
@@ -34,6 +35,7 @@ class Layout(struct.PyTreeNode):
     qpos: jax.Array
     fields: dict[str, jax.Array]
     active: dict[str, jax.Array]
+    objects: dict[str, jax.Array]
     valid: jax.Array
     attempt: jax.Array
 
@@ -45,8 +47,17 @@ class Layout(struct.PyTreeNode):
 
         return jax.vmap(one)(jnp.arange(n))
 
+    def stacked_objects(self) -> jax.Array:
+        """(n, 3) of all `objects`."""
+        return jnp.stack(list(self.objects.values())) if self.objects else jnp.zeros((0, 3))
+
     def place(
-        self, seed: jax.Array, extent: jax.Array, placement_fn: PlacementFn, wanted: jax.Array | bool = True
+        self,
+        name: str,
+        seed: jax.Array,
+        extent: jax.Array,
+        placement_fn: PlacementFn,
+        wanted: jax.Array | bool = True,
     ) -> tuple[Layout, jax.Array, jax.Array]:
         """Finds a place for one object and marks its cells.
 
@@ -54,6 +65,7 @@ class Layout(struct.PyTreeNode):
         object's own seed with each cell, so that another object changes this one's place only by taking its cell.
 
         Args:
+            name: the object's.
             seed: (3,) uint32, this object's; from `seeds`.
             extent: (2,) its extents along x and y in metres.
             placement_fn: where it may go.
@@ -78,7 +90,11 @@ class Layout(struct.PyTreeNode):
         slack = jnp.maximum(cells * grid.cell - extent, 0.0)
         centre = corner * grid.cell + jitter * slack + extent / 2
         placed = found & wanted
-        layout = self.replace(grid=grid.mark(corner, cells, placed), valid=self.valid & (found | ~jnp.asarray(wanted)))
+        layout = self.replace(
+            grid=grid.mark(corner, cells, placed),
+            objects=self.objects | {name: jnp.append(centre, placed)},
+            valid=self.valid & (found | ~jnp.asarray(wanted)),
+        )
         return layout, centre, placed
 
 

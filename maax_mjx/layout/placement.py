@@ -7,9 +7,13 @@ with `@requires_quadrant`, so that a missing one is an error when the environmen
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import reduce
+
 import jax
 import jax.numpy as jnp
 
+from maax_mjx.checks import check_count, check_positive
 from maax_mjx.layout.grid import apart, within
 from maax_mjx.layout.layout import Layout, PlacementFn
 
@@ -27,11 +31,139 @@ def uniform_placement(layout: Layout, cells: jax.Array) -> jax.Array:
 
 @requires_quadrant
 def quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
-    """Inside the quadrant."""
-    return within(layout.grid.size, cells, layout.plan.quadrant).astype(jnp.float32)
+    """Inside the quadrant; anywhere in a world without one, where a batch mixes scenarios."""
+    return _or_anywhere(within(layout.grid.size, cells, layout.plan.quadrant), _has_quadrant(layout))
 
 
 @requires_quadrant
 def outside_quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
-    """Outside the quadrant, uniformly by area (OpenAI picks one of three rectangles around it instead)."""
-    return apart(layout.grid.size, cells, layout.plan.quadrant).astype(jnp.float32)
+    """Outside the quadrant, uniformly by area (OpenAI picks one of three rectangles around it instead).
+
+    Anywhere in a world without one.
+    """
+    return _or_anywhere(apart(layout.grid.size, cells, layout.plan.quadrant), _has_quadrant(layout))
+
+
+def centre_placement(layout: Layout, cells: jax.Array) -> jax.Array:
+    """In the middle of the floor, to the cell."""
+    middle = (layout.grid.size - cells) // 2
+    rect = jnp.concatenate([middle, middle + cells])
+    return within(layout.grid.size, cells, rect).astype(jnp.float32)
+
+
+def middle_placement(fraction: float) -> PlacementFn:
+    """In the central square whose edge is `fraction` of the floor's.
+
+    Raises:
+        ValueError: a fraction outside (0, 1].
+    """
+    if isinstance(fraction, bool) or not isinstance(fraction, int | float) or not 0 < fraction <= 1:
+        raise ValueError(f"fraction: got {fraction!r}; takes a number above 0, up to 1")
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        g = layout.grid.size
+        margin = jnp.floor(jnp.asarray(g * (1 - fraction) / 2) + 1e-6).astype(jnp.int32)
+        rect = jnp.stack([margin, margin, g - margin, g - margin])
+        return within(g, cells, rect).astype(jnp.float32)
+
+    return placement
+
+
+def separation_placement(radius: float) -> PlacementFn:
+    """At least `radius` metres from everything that was placed before, centre to centre (thesis 4.3.3).
+
+    Raises:
+        ValueError: a radius that is not positive.
+    """
+    radius = check_positive("radius", radius)
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        objects = layout.stacked_objects()
+        # A cell's slack is drawn within it, after this: half a cell on either side is left for it.
+        far = _distances(layout, cells, objects[:, :2]) >= radius + layout.grid.cell
+        return (far | (objects[:, 2] == 0)).all(axis=-1).astype(jnp.float32)
+
+    return placement
+
+
+def proximity_placement(radius: float, to: str) -> PlacementFn:
+    """At most `radius` metres from the object named `to`, such as "box0", centre to centre (thesis 4.3.3).
+
+    Anywhere where that object is not in play, or is placed later.
+
+    Raises:
+        ValueError: a radius that is not positive, or a name that is not a string.
+    """
+    radius = check_positive("radius", radius)
+    if not isinstance(to, str):
+        raise ValueError(f"to: got {to!r}; takes an object's name, such as 'box0'")
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        anchor = layout.objects.get(to, jnp.zeros(3))
+        near = _distances(layout, cells, anchor[None, :2])[..., 0] <= radius - layout.grid.cell
+        return _or_anywhere(near, anchor[2] > 0)
+
+    return placement
+
+
+def room_placement(index: int) -> PlacementFn:
+    """Inside rectangular room `index` of the room plan; anywhere in a world that does not have it.
+
+    Raises:
+        ValueError: a negative index, or where it is used, one that no world of the environment has.
+    """
+    check_count("index", index)
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        plan = layout.plan
+        if index >= plan.rooms.shape[0]:
+            raise ValueError(f"room_placement: got room {index}; worlds of this environment have {plan.rooms.shape[0]}")
+        return _or_anywhere(within(layout.grid.size, cells, plan.rooms[index]), plan.room_mask[index])
+
+    return placement
+
+
+def all_of(*fns: PlacementFn) -> PlacementFn:
+    """Where all of these allow it: the product of their weights.
+
+    Raises:
+        ValueError: no functions.
+    """
+    return _combined("all_of", fns, lambda a, b: a * b)
+
+
+def any_of(*fns: PlacementFn) -> PlacementFn:
+    """Where any of these allows it: the sum of their weights.
+
+    Raises:
+        ValueError: no functions.
+    """
+    return _combined("any_of", fns, lambda a, b: a + b)
+
+
+def _combined(name: str, fns: tuple[PlacementFn, ...], combine: Callable) -> PlacementFn:
+    if not fns or not all(callable(fn) for fn in fns):
+        raise ValueError(f"{name}: got {fns!r}; takes one or more placement functions")
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        return reduce(combine, [fn(layout, cells) for fn in fns])
+
+    needs_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in fns)
+    return requires_quadrant(placement) if needs_quadrant else placement
+
+
+def _has_quadrant(layout: Layout) -> jax.Array:
+    return layout.plan.quadrant[2] > 0
+
+
+def _or_anywhere(allowed: jax.Array, applies: jax.Array) -> jax.Array:
+    return jnp.where(applies, allowed, True).astype(jnp.float32)
+
+
+def _distances(layout: Layout, cells: jax.Array, points: jax.Array) -> jax.Array:
+    """(G, G, n): from the middle of an object at every corner cell to n points (n, 2), in metres."""
+    g, cell = layout.grid.size, layout.grid.cell
+    along = (jnp.arange(g)[:, None] + cells / 2) * cell
+    dx = along[:, None, None, 0] - points[:, 0]
+    dy = along[None, :, None, 1] - points[:, 1]
+    return jnp.sqrt(dx**2 + dy**2)

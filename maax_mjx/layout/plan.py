@@ -17,6 +17,9 @@ class RoomPlan(struct.PyTreeNode):
         doors: (n_doors, 3) x, y of the opening's middle and its width, in metres.
         door_mask: (n_doors,) bool.
         quadrant: (4,) int32, the cells inside the quadrant: x0, y0, x1, y1 (exclusive); zeros without one.
+        rooms: (n_rooms, 4) int32, likewise the cells inside every rectangular room.
+        room_mask: (n_rooms,) bool.
+        scenario: () int32, which of the environment's scenarios this is.
     """
 
     walls: jax.Array
@@ -25,6 +28,9 @@ class RoomPlan(struct.PyTreeNode):
     doors: jax.Array
     door_mask: jax.Array
     quadrant: jax.Array
+    rooms: jax.Array
+    room_mask: jax.Array
+    scenario: jax.Array
 
     @classmethod
     def empty(cls) -> RoomPlan:
@@ -36,4 +42,7 @@ class RoomPlan(struct.PyTreeNode):
             doors=jnp.zeros((0, 3)),
             door_mask=jnp.zeros(0, bool),
             quadrant=jnp.zeros(4, jnp.int32),
+            rooms=jnp.zeros((0, 4), jnp.int32),
+            room_mask=jnp.zeros(0, bool),
+            scenario=jnp.zeros((), jnp.int32),
         )

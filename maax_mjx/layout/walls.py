@@ -8,6 +8,8 @@ opening of a door of d cells (d + 1) cells and one thickness wide.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -15,30 +17,61 @@ from flax import struct
 from maax_mjx.layout.grid import Grid
 
 VERTICAL, HORIZONTAL = 0, 1
+Scalar = int | jax.Array
 
 
-class Wall(struct.PyTreeNode):
-    """A wall in cells: along y at column `line` (vertical) or along x at row `line` (horizontal).
+class Walls(struct.PyTreeNode):
+    """Walls in cells: along y at column `line` (vertical) or along x at row `line` (horizontal). Leaves are (n,).
 
     Attributes:
-        axis: () int32, VERTICAL or HORIZONTAL.
-        line: () int32, the column or row.
-        start, end: () int32, first and last cell along the wall, both included.
-        door_start: () int32, first cell of the door.
-        door_cells: () int32, cells of the door; 0 for none.
+        axis: int32, VERTICAL or HORIZONTAL.
+        line: int32, the column or row.
+        start, end: int32, first and last cell along the wall, both included.
+        present: bool; what is absent is masked everywhere.
+        door_start: int32, first cell of the door.
+        door_cells: int32, cells of the door; 0 for none.
+        low, high: int32, the ends of the stretch between junctions that the door lies in.
     """
 
     axis: jax.Array
     line: jax.Array
     start: jax.Array
     end: jax.Array
+    present: jax.Array
     door_start: jax.Array
     door_cells: jax.Array
+    low: jax.Array
+    high: jax.Array
 
     @classmethod
-    def create(cls, axis: int, line: int, start: int, end: int) -> Wall:
-        """A wall without a door."""
-        return cls(*(jnp.asarray(v, jnp.int32) for v in (axis, line, start, end, 0, 0)))
+    def create(
+        cls,
+        axis: Sequence[Scalar],
+        line: Sequence[Scalar],
+        start: Sequence[Scalar],
+        end: Sequence[Scalar],
+    ) -> Walls:
+        """Walls without doors, all present."""
+
+        def whole(values: Sequence[Scalar]) -> jax.Array:
+            return jnp.array([jnp.asarray(x, jnp.int32) for x in values], jnp.int32)
+
+        first, last, none = whole(start), whole(end), jnp.zeros(len(line), jnp.int32)
+        return cls(whole(axis), whole(line), first, last, jnp.ones(len(line), bool), none, none, first, last)
+
+    @property
+    def n(self) -> int:
+        """How many, absent ones included."""
+        return self.line.shape[0]
+
+    def padded(self, n: int) -> Walls:
+        """The walls with absent ones added, `n` in all."""
+        return jax.tree.map(lambda x: jnp.pad(x, (0, n - self.n)), self)
+
+
+def join(*walls: Walls) -> Walls:
+    """All of several walls."""
+    return jax.tree.map(lambda *x: jnp.concatenate(x), *walls)
 
 
 def thickness(cell: jax.Array) -> jax.Array:
@@ -46,79 +79,99 @@ def thickness(cell: jax.Array) -> jax.Array:
     return cell / 2
 
 
-def cut_door(key: jax.Array, wall: Wall, door_cells: int) -> Wall:
-    """Draws a door's place uniformly, at least one cell of wall remaining on both sides (OpenAI's rule)."""
-    length = wall.end - wall.start
-    start = wall.start + jax.random.randint(key, (), 1, length - door_cells + 1)
-    return wall.replace(door_start=start, door_cells=jnp.asarray(door_cells, jnp.int32))
+def cut_doors(key: jax.Array, walls: Walls, door_cells: jax.Array | int, wanted: jax.Array) -> tuple[Walls, jax.Array]:
+    """Draws a door for every wall that wants one (OpenAI's rule).
+
+    Junctions with other walls cut a wall into stretches. A stretch of at least a cell more than the door can hold it;
+    one of these is drawn uniformly, and in it the place, at least a cell remaining on both sides. So no wall ends in a
+    door.
+
+    Args:
+        key: a key.
+        walls: without doors.
+        door_cells: the doors' size in cells; 0 draws none.
+        wanted: (n,) bool.
+
+    Returns:
+        The walls, and () bool: whether every door that was wanted found a place.
+    """
+    pick_key, place_key = jax.random.split(key)
+    across = walls.axis[:, None] != walls.axis[None, :]
+    meets = (walls.start[None, :] == walls.line[:, None]) | (walls.end[None, :] == walls.line[:, None])
+    on = (walls.line[None, :] > walls.start[:, None]) & (walls.line[None, :] < walls.end[:, None])
+    junction = across & meets & on & walls.present[None, :]
+    points = jnp.where(junction, walls.line[None, :], walls.start[:, None])
+    points = jnp.sort(jnp.concatenate([points, walls.start[:, None], walls.end[:, None]], axis=1), axis=1)
+    low, high = points[:, :-1], points[:, 1:]
+    usable = high - low >= door_cells + 1
+    draw = jnp.where(usable, jax.random.uniform(pick_key, usable.shape), -1.0)
+    row, best = jnp.arange(walls.n), draw.argmax(axis=1)
+    low, high = low[row, best], high[row, best]
+    steps = jnp.maximum(high - low - door_cells, 1)
+    place = low + 1 + jnp.floor(jax.random.uniform(place_key, (walls.n,)) * steps).astype(jnp.int32)
+    wanted = wanted & walls.present & (jnp.asarray(door_cells) > 0)
+    has = wanted & usable.any(axis=1)
+    walls = walls.replace(
+        door_start=jnp.where(has, place, 0),
+        door_cells=jnp.where(has, door_cells, 0).astype(jnp.int32),
+        low=jnp.where(has, low, walls.start),
+        high=jnp.where(has, high, walls.end),
+    )
+    return walls, (has == wanted).all()
 
 
-def _opening_ends(wall: Wall, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Where along the wall its true opening begins and ends, in metres; of use only with a door."""
+def _opening_ends(walls: Walls, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Where along the walls their true openings begin and end, in metres; of use only with a door."""
     half = thickness(cell) / 2
     # A door in the first or last place leaves no wall cell beside it but the one that the next wall shares, of which a
     # post one thickness wide stays: that wall may end in a door there, too.
-    low = jnp.maximum((wall.door_start - 0.5) * cell - half, (wall.start + 0.5) * cell + half)
-    high = jnp.minimum((wall.door_start + wall.door_cells + 0.5) * cell + half, (wall.end + 0.5) * cell - half)
+    low = jnp.maximum((walls.door_start - 0.5) * cell - half, (walls.low + 0.5) * cell + half)
+    high = jnp.minimum((walls.door_start + walls.door_cells + 0.5) * cell + half, (walls.high + 0.5) * cell - half)
     return low, high
 
 
-def segments(wall: Wall, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The wall's two pieces, before and after its door.
+def segments(walls: Walls, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The two pieces of every wall, before and after its door.
 
     Returns:
-        rectangles: (2, 4) x0, y0, x1, y1 in metres.
-        present: (2,) bool; without a door the first piece is the whole wall.
+        rectangles: (n, 2, 4) x0, y0, x1, y1 in metres.
+        present: (n, 2) bool; without a door the first piece is the whole wall.
     """
     half = thickness(cell) / 2
-    has_door = wall.door_cells > 0
-    low, high = _opening_ends(wall, cell)
-    start, end = (wall.start + 0.5) * cell - half, (wall.end + 0.5) * cell + half
-    along0, along1 = jnp.stack([start, high]), jnp.stack([jnp.where(has_door, low, end), end])
-    across = (wall.line + 0.5) * cell
-    across0, across1 = jnp.full(2, across - half), jnp.full(2, across + half)
-    vertical = jnp.stack([across0, along0, across1, along1], axis=1)
-    horizontal = jnp.stack([along0, across0, along1, across1], axis=1)
-    return jnp.where(wall.axis == VERTICAL, vertical, horizontal), jnp.stack([jnp.ones((), bool), has_door])
+    has_door = walls.door_cells > 0
+    low, high = _opening_ends(walls, cell)
+    start, end = (walls.start + 0.5) * cell - half, (walls.end + 0.5) * cell + half
+    along0, along1 = jnp.stack([start, high], axis=1), jnp.stack([jnp.where(has_door, low, end), end], axis=1)
+    across = jnp.broadcast_to(((walls.line + 0.5) * cell)[:, None], along0.shape)
+    vertical = jnp.stack([across - half, along0, across + half, along1], axis=-1)
+    horizontal = jnp.stack([along0, across - half, along1, across + half], axis=-1)
+    rects = jnp.where((walls.axis == VERTICAL)[:, None, None], vertical, horizontal)
+    return rects, jnp.stack([walls.present, walls.present & has_door], axis=1)
 
 
-def opening(wall: Wall, cell: jax.Array) -> jax.Array:
-    """(3,) x, y of the middle and the width of the true opening in metres; zeros without a door."""
-    low, high = _opening_ends(wall, cell)
-    along, across = (low + high) / 2, (wall.line + 0.5) * cell
-    middle = jnp.where(wall.axis == VERTICAL, jnp.stack([across, along]), jnp.stack([along, across]))
-    return jnp.where(wall.door_cells > 0, jnp.append(middle, high - low), 0.0)
+def openings(walls: Walls, cell: jax.Array) -> jax.Array:
+    """(n, 3) x, y of the middle and the width of the true openings in metres; zeros without a door."""
+    low, high = _opening_ends(walls, cell)
+    along, across = (low + high) / 2, (walls.line + 0.5) * cell
+    vertical = (walls.axis == VERTICAL)[:, None]
+    middle = jnp.where(vertical, jnp.stack([across, along], axis=1), jnp.stack([along, across], axis=1))
+    has_door = walls.present & (walls.door_cells > 0)
+    return jnp.where(has_door[:, None], jnp.concatenate([middle, (high - low)[:, None]], axis=1), 0.0)
 
 
-def mark_wall(grid: Grid, wall: Wall) -> Grid:
-    """Marks the wall's cells, its doorway included: nothing is placed in a doorway."""
-    corner = jnp.where(wall.axis == VERTICAL, jnp.stack([wall.line, wall.start]), jnp.stack([wall.start, wall.line]))
-    length = wall.end - wall.start + 1
+def mark(grid: Grid, walls: Walls) -> Grid:
+    """Marks the walls' cells, their doorways included: nothing is placed in a doorway."""
+    vertical = (walls.axis == VERTICAL)[:, None]
+    length = walls.end - walls.start + 1
     one = jnp.ones_like(length)
-    cells = jnp.where(wall.axis == VERTICAL, jnp.stack([one, length]), jnp.stack([length, one]))
-    return grid.mark(corner, cells)
+    line, start = walls.line, walls.start
+    corners = jnp.where(vertical, jnp.stack([line, start], axis=1), jnp.stack([start, line], axis=1))
+    cells = jnp.where(vertical, jnp.stack([one, length], axis=1), jnp.stack([length, one], axis=1))
+    return grid.mark_all(corners, cells, walls.present)
 
 
-def outer_walls(grid_size: int) -> list[Wall]:
+def outer_walls(grid_size: int, present: jax.Array | bool = True) -> Walls:
     """The four walls around the floor: left, right, bottom, top."""
     last = grid_size - 1
-    return [
-        Wall.create(VERTICAL, 0, 0, last),
-        Wall.create(VERTICAL, last, 0, last),
-        Wall.create(HORIZONTAL, 0, 0, last),
-        Wall.create(HORIZONTAL, last, 0, last),
-    ]
-
-
-def quadrant_walls(grid_size: int, quadrant: int) -> list[Wall]:
-    """The two walls of the quadrant at high x, low y: the vertical one, then the horizontal one."""
-    last = grid_size - 1
-    return [
-        Wall.create(VERTICAL, grid_size - quadrant, 0, quadrant),
-        Wall.create(HORIZONTAL, quadrant, grid_size - quadrant, last),
-    ]
-
-
-def quadrant_cells(grid_size: int, quadrant: int) -> jax.Array:
-    """(4,) int32: the cells inside those walls, x0, y0, x1, y1 (exclusive)."""
-    return jnp.array([grid_size - quadrant + 1, 1, grid_size - 1, quadrant], jnp.int32)
+    walls = Walls.create([VERTICAL, VERTICAL, HORIZONTAL, HORIZONTAL], [0, last, 0, last], [0] * 4, [last] * 4)
+    return walls.replace(present=jnp.broadcast_to(jnp.asarray(present), (4,)))

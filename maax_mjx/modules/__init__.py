@@ -4,6 +4,6 @@ from maax_mjx.modules.agents import Agents
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.module import Module
 from maax_mjx.modules.objects import Boxes, Ramps
-from maax_mjx.modules.walls import WallScenarios
+from maax_mjx.modules.walls import RandomWalls, WallScenarios
 
-__all__ = ["Agents", "Boxes", "Entities", "Module", "Ramps", "WallScenarios"]
+__all__ = ["Agents", "Boxes", "Entities", "Module", "Ramps", "RandomWalls", "WallScenarios"]

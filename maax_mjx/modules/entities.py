@@ -100,7 +100,7 @@ class Entities(Module):
         extent = jnp.asarray(self.extent[:2])
         centres, placed = [], []
         for i, fn in enumerate(self.placement_fns):
-            layout, centre, ok = layout.place(seeds[i], extent, fn, wanted[i])
+            layout, centre, ok = layout.place(f"{self.kind}{i}", seeds[i], extent, fn, wanted[i])
             centres.append(centre)
             placed.append(ok)
         active = jnp.stack(placed)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_choice, check_count
+from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction, check_friction
 from maax_mjx.layout import Layout, RoomPlan
 from maax_mjx.layout import walls as wall_layout
-from maax_mjx.layout.walls import Wall
+from maax_mjx.layout.scenarios import RANDOM, SCENARIOS, Rooms, random_rooms, with_doors
 from maax_mjx.modules.module import Module
-from maax_mjx.params import DomainParams
+from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import BOX_FIELDS, Data, Overlay, World, set_boxes
 from maax_mjx.worldgen import Floor, Geom
 
@@ -20,98 +22,219 @@ OUTER_HEIGHT = 4.0
 INNER_HEIGHT = 0.5
 BELOW = -10.0
 N_OUTER = 4
-N_INNER = {"empty": 0, "quad": 2}
+QUADRANTS = ("quad", "var_quad")
 
 
 class WallScenarios(Module):
-    """Outer walls of 4 m, and the inner walls of 0.5 m of one of the thesis's room scenarios (thesis 4.3.3).
+    """Outer walls, and the inner walls of the thesis's room scenarios (thesis 4.3.3), drawn per world.
 
     Walls are geoms of the world body, half a cell thick, on grid lines. An absent piece of wall lies deep below the
-    floor.
+    floor. Where a batch mixes scenarios, all share one compiled model.
 
     Args:
-        scenario: "empty" (outer walls only) or "quad" (the quadrant at high x, low y, with a door in each wall).
+        scenario: "empty" (outer walls only), "half" (two rooms), "quad" (a quadrant at high x, low y, with a door in
+            each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), or several of
+            these, of which every world draws one.
         door_size: doors in cells; the true opening is one cell and a thickness wider. 0 makes walls without doors.
+        p_door_dropout: how likely it is that only one of a quadrant's walls has a door, or (low, high).
+        probabilities: of the scenarios, where there are several; None is all alike.
+        n_rooms: of "random", or (low, high), drawn uniformly.
+        min_room_size: of "random", in cells: rooms are longer than this on every side that a new wall makes.
+        prob_outside_walls: how likely it is that a world has outer walls, or (low, high).
+        low_outside_walls: outer walls of 0.5 m, as high as inner ones, instead of 4 m.
+        friction: of the walls; None keeps MuJoCo's default of 1.
 
     Raises:
-        ValueError: an unknown scenario or a negative door size; with `Base`, a door wider than its wall.
+        ValueError: an unknown scenario, a negative size, or a share outside [0, 1]; with `Base`, a door wider than its
+            wall.
     """
 
     name = "walls"
 
-    def __init__(self, scenario: str = "quad", door_size: int = 2):
-        self.scenario = check_choice("scenario", scenario, N_INNER)
+    def __init__(
+        self,
+        scenario: str | Sequence[str] = "quad",
+        door_size: int = 2,
+        p_door_dropout: float | tuple[float, float] = 0.0,
+        probabilities: Sequence[float] | None = None,
+        n_rooms: int | tuple[int, int] = 4,
+        min_room_size: int = 6,
+        prob_outside_walls: float | tuple[float, float] = 1.0,
+        low_outside_walls: bool = False,
+        friction: float | None = None,
+    ):
+        names = [scenario] if isinstance(scenario, str) else list(scenario)
+        if not names:
+            raise ValueError("scenario: got none; takes at least one")
+        self.scenarios = [check_choice("scenario", name, [*SCENARIOS, RANDOM]) for name in names]
         self.door_size = check_count("door_size", door_size)
-        self.provides_quadrant = self.scenario == "quad"
-        self.n_inner = N_INNER[self.scenario]
+        self.p_door_dropout = check_fraction("p_door_dropout", p_door_dropout)
+        self.probabilities = _check_probabilities(probabilities, len(names))
+        self.n_rooms = check_count_range("n_rooms", n_rooms, minimum=1)
+        self.min_room_size = check_count("min_room_size", min_room_size, minimum=1)
+        self.prob_outside_walls = check_fraction("prob_outside_walls", prob_outside_walls)
+        self.friction = check_friction("friction", friction)
+        self.provides_quadrant = any(name in QUADRANTS for name in self.scenarios)
+        sizes = [
+            (self.n_rooms[1] - 1, self.n_rooms[1])
+            if name == RANDOM
+            else (SCENARIOS[name].n_walls, SCENARIOS[name].n_rooms)
+            for name in self.scenarios
+        ]
+        self.n_inner, self._max_rooms = max(s[0] for s in sizes), max(s[1] for s in sizes)
         self.n_walls = N_OUTER + 2 * self.n_inner
+        outer = INNER_HEIGHT if low_outside_walls else OUTER_HEIGHT
+        self._heights = np.array([outer] * N_OUTER + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        parameters = [Parameter("prob_outside_walls", self.prob_outside_walls, (0.0, 1.0))]
+        if self.provides_quadrant and self.door_size:
+            parameters.append(Parameter("p_door_dropout", self.p_door_dropout, (0.0, 1.0)))
+        if RANDOM in self.scenarios:
+            parameters.append(Parameter("n_rooms", self.n_rooms, (1, self.n_rooms[1])))
+        return parameters
 
     @property
     def overlay(self) -> Overlay:
         return dict.fromkeys(BOX_FIELDS, self._geom_ids)
 
     def check(self, grid_size: int, floor_size: float) -> None:
-        longest = grid_size // 2 - 1
-        if self.n_inner and self.door_size > longest:
+        g = grid_size
+        lengths = {"half": g - 1, "quad": g // 2 - 1, "var_quad": int(0.3 * g) - 1, "tri": g - 1 - int(0.6 * g)}
+        lengths[RANDOM] = self.min_room_size + 1
+        shortest = min([lengths[name] for name in self.scenarios if name in lengths], default=self.door_size + 1)
+        if self.door_size >= shortest:
             raise ValueError(
-                f"door_size: got {self.door_size} cells; takes 0 to {longest}, so that a wall of {grid_size // 2} "
-                "cells keeps one on either side"
+                f"door_size: got {self.door_size} cells; takes 0 to {shortest - 1}, so that the shortest wall, of "
+                f"{shortest + 1} cells, keeps one on either side"
             )
+        if RANDOM in self.scenarios and self.n_rooms[1] > 1 and 2 * (self.min_room_size + 1) > g - 1:
+            raise ValueError(f"min_room_size: got {self.min_room_size} cells; two such rooms are wider than {g} cells")
 
     def wall_cells(self, grid_size: int) -> int:
-        return 4 * grid_size - 4 + self.n_inner * (grid_size // 2)
+        longest = grid_size if {"half", "tri", RANDOM} & set(self.scenarios) else grid_size // 2
+        return 4 * grid_size - 4 + self.n_inner * longest
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
-        self._quadrant = grid_size // 2
         thick = floor.edge / grid_size / 2
-        for i in range(self.n_walls):
-            height = OUTER_HEIGHT if i < N_OUTER else INNER_HEIGHT
-            size = (floor.edge / 2, thick, height)
-            floor.append(Geom("box", size, name=f"wall{i}", rgba=(0.6, 0.6, 0.62, 1.0)).mark_static(), "parking")
+        for i, height in enumerate(self._heights):
+            size = (floor.edge / 2, thick, float(height))
+            wall = Geom("box", size, name=f"wall{i}", friction=self.friction, rgba=(0.6, 0.6, 0.62, 1.0))
+            floor.append(wall.mark_static(), "parking")
 
     def cache_step(self, model: mujoco.MjModel) -> None:
         self._geom_ids = np.array([model.geom(f"wall{i}").id for i in range(self.n_walls)], int)
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
         cell, g = layout.grid.cell, layout.grid.size
-        outer = wall_layout.outer_walls(g)
-        inner = self._inner_walls(jax.random.fold_in(key, layout.attempt), g)
-        pieces = [wall_layout.segments(wall, cell) for wall in inner]
-        grid = layout.grid
-        for wall in [*outer, *inner]:
-            grid = wall_layout.mark_wall(grid, wall)
-        rects = jnp.concatenate(
-            [jnp.stack([wall_layout.segments(wall, cell)[0][0] for wall in outer]), *(rect for rect, _ in pieces)]
-        )
-        mask = jnp.concatenate([jnp.ones(N_OUTER, bool), *(present for _, present in pieces)])
-        doors = [wall_layout.opening(wall, cell) for wall in inner]
-        heights = np.array([OUTER_HEIGHT] * N_OUTER + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
-        has_quadrant = self.provides_quadrant
+        # What is drawn of counts and kinds keeps to the key, so that redrawing what found no place leaves them alone.
+        which_key, count_key, outer_key, probability_key, place_key = jax.random.split(key, 5)
+        place_key = jax.random.fold_in(place_key, layout.attempt)
+        which = jax.random.choice(which_key, len(self.scenarios), p=jnp.asarray(self.probabilities)).astype(jnp.int32)
+        rooms = self._draw_rooms(which, count_key, place_key, g, params)
+        share = params.draw(probability_key, "prob_outside_walls")
+        outer = wall_layout.outer_walls(g, jax.random.uniform(outer_key) < share)
+        outer_rects, outer_there = wall_layout.segments(outer, cell)
+        inner_rects, inner_there = wall_layout.segments(rooms.walls, cell)
+        rects = jnp.concatenate([outer_rects[:, 0], inner_rects.reshape(-1, 4)])
+        mask = jnp.concatenate([outer_there[:, 0], inner_there.reshape(-1)])
+        cells = jnp.concatenate([rooms.rooms[:, :2] + 1, rooms.rooms[:, 2:]], axis=1)
+        cells = jnp.where(rooms.room_mask[:, None], cells, 0)
         plan = RoomPlan(
             walls=jnp.where(mask[:, None], rects, 0.0),
-            wall_heights=jnp.where(mask, heights, 0.0),
+            wall_heights=jnp.where(mask, self._heights, 0.0),
             wall_mask=mask,
-            doors=jnp.stack(doors) if doors else jnp.zeros((0, 3)),
-            door_mask=jnp.full(self.n_inner, self.door_size > 0),
-            quadrant=wall_layout.quadrant_cells(g, self._quadrant) if has_quadrant else jnp.zeros(4, jnp.int32),
+            doors=wall_layout.openings(rooms.walls, cell),
+            door_mask=rooms.walls.present & (rooms.walls.door_cells > 0),
+            quadrant=jnp.where(rooms.quadrant, cells[0], 0),
+            rooms=cells,
+            room_mask=rooms.room_mask,
+            scenario=which,
         )
-        pos, half = _box_geometry(rects, jnp.asarray(heights), mask)
-        return layout.replace(grid=grid, plan=plan, fields=set_boxes(layout.fields, self._geom_ids, pos, half))
+        pos, half = _box_geometry(rects, jnp.asarray(self._heights), mask)
+        return layout.replace(
+            grid=wall_layout.mark(wall_layout.mark(layout.grid, outer), rooms.walls),
+            plan=plan,
+            fields=set_boxes(layout.fields, self._geom_ids, pos, half),
+            valid=layout.valid & rooms.valid,
+        )
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """`door_obs` (n_doors, 3): x, y of the middle and the width of every true opening, in metres."""
+        """`door_obs` (n_doors, 3): x, y of the middle and the width of every true opening, in metres.
+
+        `door_mask` (n_doors,) where a world may have fewer; absent ones are zero.
+        """
         if not self.n_inner or not self.door_size:
             return {}
-        return {"door_obs": world.plan.doors}
+        doors = {"door_obs": world.plan.doors}
+        return doors if self._doors_are_fixed else doors | {"door_mask": world.plan.door_mask}
 
-    def _inner_walls(self, key: jax.Array, grid_size: int) -> list[Wall]:
-        if self.scenario == "empty":
-            return []
-        walls = wall_layout.quadrant_walls(grid_size, self._quadrant)
+    @property
+    def _doors_are_fixed(self) -> bool:
+        dropped = self.provides_quadrant and self.p_door_dropout[1] > 0
+        return len(self.scenarios) == 1 and RANDOM not in self.scenarios and not dropped
+
+    def _draw_rooms(
+        self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
+    ) -> Rooms:
+        draw_key, door_key, drop_key = jax.random.split(key, 3)
+        drawn = []
+        for name in self.scenarios:
+            if name == RANDOM:
+                n_rooms = params.draw_count(count_key, "n_rooms")
+                rooms = random_rooms(draw_key, grid_size, n_rooms, self.n_rooms[1], self.min_room_size)
+            else:
+                rooms = SCENARIOS[name].draw(draw_key, grid_size)
+            drawn.append(rooms.padded(self.n_inner, self._max_rooms))
+        rooms = jax.tree.map(lambda *x: jnp.stack(x)[which], *drawn)
         if not self.door_size:
-            return walls
-        keys = jax.random.split(key, len(walls))
-        return [wall_layout.cut_door(k, wall, self.door_size) for k, wall in zip(keys, walls, strict=True)]
+            return rooms
+        dropout = jnp.zeros(())
+        if "p_door_dropout" in params:
+            dropout = params.draw(drop_key, "p_door_dropout")
+        return with_doors(door_key, rooms, self.door_size, dropout, grid_size)
+
+
+class RandomWalls(WallScenarios):
+    """Rooms by recursive splitting, every inner wall with a door (OpenAI's RandomWalls; thesis 4.3.3).
+
+    Args:
+        n_rooms: how many, or (low, high), drawn uniformly.
+        min_room_size: in cells; new walls keep further than this from the corners of the room that they split.
+        door_size, prob_outside_walls, low_outside_walls, friction: see `WallScenarios`.
+
+    Raises:
+        ValueError: see `WallScenarios`.
+    """
+
+    def __init__(
+        self,
+        n_rooms: int | tuple[int, int] = 4,
+        min_room_size: int = 6,
+        door_size: int = 2,
+        prob_outside_walls: float | tuple[float, float] = 1.0,
+        low_outside_walls: bool = False,
+        friction: float | None = None,
+    ):
+        super().__init__(
+            RANDOM,
+            door_size,
+            n_rooms=n_rooms,
+            min_room_size=min_room_size,
+            prob_outside_walls=prob_outside_walls,
+            low_outside_walls=low_outside_walls,
+            friction=friction,
+        )
+
+
+def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float, ...]:
+    if values is None:
+        return (1 / n,) * n
+    given = [float(v) for v in values]
+    if len(given) != n or min(given) < 0 or abs(sum(given) - 1) > 1e-6:
+        raise ValueError(f"probabilities: got {values!r}; takes {n} of at least 0 that sum to 1, one per scenario")
+    return tuple(given)
 
 
 def _box_geometry(rects: jax.Array, heights: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from maax_mjx.base import Base
 from maax_mjx.checks import check_count
 from maax_mjx.layout import PlacementFn, outside_quad_placement, quad_placement, uniform_placement
@@ -12,12 +14,15 @@ HIDER, SEEKER = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 
 
 def standard(
-    scenario: str = "quad",
+    scenario: str | Sequence[str] = "quad",
     n_hiders: int = 2,
     n_seekers: int = 2,
     n_boxes: int | tuple[int, int] = 1,
     n_ramps: int | tuple[int, int] = 1,
     door_size: int = 2,
+    p_door_dropout: float | tuple[float, float] = 0.0,
+    n_rooms: int | tuple[int, int] = 4,
+    min_room_size: int = 6,
     n_frames: int = 1,
     grid_size: int = 30,
     floor_size: float = 6.0,
@@ -28,14 +33,15 @@ def standard(
 ) -> Base:
     """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp.
 
-    Hiders come first among the agents. In the quadrant scenario they start inside it and seekers outside;
+    Hiders come first among the agents. Where there is a quadrant they start inside it and seekers outside;
     everything else starts anywhere.
 
     Args:
-        scenario: the room scenario; see `WallScenarios`.
+        scenario: the room scenario, or several of which every world draws one; see `WallScenarios`.
         n_hiders, n_seekers: agents of each team.
         n_boxes, n_ramps: per world, or (low, high).
         door_size: in cells.
+        p_door_dropout, n_rooms, min_room_size: see `WallScenarios`.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
     n_hiders, n_seekers = check_count("n_hiders", n_hiders), check_count("n_seekers", n_seekers)
@@ -45,9 +51,10 @@ def standard(
     env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world)
     inside: PlacementFn = uniform_placement
     outside: PlacementFn = uniform_placement
-    if scenario == "quad":
+    walls = WallScenarios(scenario, door_size, p_door_dropout, n_rooms=n_rooms, min_room_size=min_room_size)
+    if walls.provides_quadrant:
         inside, outside = quad_placement, outside_quad_placement
-    env.add_module(WallScenarios(scenario, door_size))
+    env.add_module(walls)
     env.add_module(
         Agents(n_agents, [inside] * n_hiders + [outside] * n_seekers, [HIDER] * n_hiders + [SEEKER] * n_seekers)
     )

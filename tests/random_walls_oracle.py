@@ -1,0 +1,146 @@
+"""Slow, obvious NumPy reference of a random room generator (walls on the lines of a square grid of cells)."""
+
+import sys
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+ATTEMPTS_PER_WALL = 10
+ROUNDS = 10
+
+
+class Wall(NamedTuple):
+    """A wall on cells start..end (inclusive) of a column (axis 0, vertical) or a row (axis 1, horizontal)."""
+
+    axis: int
+    line: int
+    start: int
+    end: int
+    door_start: int = -1  # -1: no door (outer walls, and inner walls before the doors are drawn)
+
+
+def outer_walls(grid_size: int) -> list[Wall]:
+    """Return the four outer walls."""
+    last = grid_size - 1
+    return [Wall(0, 0, 0, last), Wall(0, last, 0, last), Wall(1, 0, 0, last), Wall(1, last, 0, last)]
+
+
+def junctions(wall: Wall, side: int, walls: list[Wall]) -> list[int]:
+    """Return where walls that lie on one side (-1: smaller lines, +1: larger) end on `wall`, and its own two ends."""
+    points = {wall.start, wall.end}
+    for other in walls:
+        touching_end = other.start if side > 0 else other.end
+        if other.axis != wall.axis and touching_end == wall.line and wall.start <= other.line <= wall.end:
+            points.add(other.line)
+    return sorted(points)
+
+
+def crosses(new: Wall, other: Wall) -> bool:
+    """Tell whether `new` crosses or lies on `other`; touching at one of the ends of `new` is neither."""
+    if new.axis == other.axis:
+        return new.line == other.line and min(new.end, other.end) > max(new.start, other.start)
+    return new.start < other.line < new.end and other.start <= new.line <= other.end
+
+
+def attempt(rng: np.random.Generator, walls: list[Wall], min_room_size: int) -> Wall | None:
+    """Try once to find a new inner wall; None if no proposal is kept."""
+    wall1 = walls[rng.integers(len(walls))]
+    if wall1.end - wall1.start < 2:
+        return None
+    place = wall1.start + int(rng.integers(1, wall1.end - wall1.start))
+    kept = []
+    for wall2 in walls:
+        if wall2.axis != wall1.axis or wall2.line == wall1.line:
+            continue
+        if not wall2.start <= place <= wall2.end:
+            continue
+        side = 1 if wall2.line > wall1.line else -1
+        if any(abs(place - point) <= min_room_size for point in junctions(wall1, side, walls)):
+            continue
+        new = Wall(1 - wall1.axis, place, min(wall1.line, wall2.line), max(wall1.line, wall2.line))
+        if not any(crosses(new, other) for other in walls):
+            kept.append(new)
+    return kept[rng.integers(len(kept))] if kept else None
+
+
+def place_door(rng: np.random.Generator, wall: Wall, walls: list[Wall], door_size: int) -> Wall | None:
+    """Return the wall with a door in one of its usable stretches; None if it has none."""
+    cuts = sorted(set(junctions(wall, -1, walls)) | set(junctions(wall, 1, walls)))
+    usable = [(a, b) for a, b in pairwise(cuts) if b - a >= door_size + 1]
+    if not usable:
+        return None
+    a, b = usable[rng.integers(len(usable))]
+    return wall._replace(door_start=a + int(rng.integers(1, b - a - door_size + 1)))
+
+
+def play_round(
+    rng: np.random.Generator, n_rooms: int, grid_size: int, min_room_size: int, door_size: int
+) -> list[Wall] | str:
+    """Play one round from the outer walls only; return the inner walls, or what failed ("wall" or "door")."""
+    walls = outer_walls(grid_size)
+    while len(walls) < 4 + n_rooms - 1:
+        for _ in range(ATTEMPTS_PER_WALL):
+            new = attempt(rng, walls, min_room_size)
+            if new is not None:
+                walls.append(new)
+                break
+        else:
+            return "wall"
+    inner = []
+    for wall in walls[4:]:
+        with_door = place_door(rng, wall, walls, door_size)
+        if with_door is None:
+            return "door"
+        inner.append(with_door)
+    return inner
+
+
+def generate(
+    rng: np.random.Generator, n_rooms: int, grid_size: int = 30, min_room_size: int = 6, door_size: int = 2
+) -> tuple[list[Wall], ...] | None:
+    """Return a 1-tuple of the inner walls in the order they were built; None after 10 failed rounds."""
+    for _ in range(ROUNDS):
+        inner = play_round(rng, n_rooms, grid_size, min_room_size, door_size)
+        if not isinstance(inner, str):
+            return (inner,)
+    return None
+
+
+def room_areas(walls: list[Wall], grid_size: int, open_door_size: int = 0) -> list[int]:
+    """Return every room's number of free cells (4-neighbour flood fill); open_door_size > 0 frees the door cells."""
+    blocked = np.zeros((grid_size, grid_size), dtype=bool)  # [row, column]
+    for wall in [*walls, *outer_walls(grid_size)]:
+        cells = blocked[:, wall.line] if wall.axis == 0 else blocked[wall.line, :]
+        cells[wall.start : wall.end + 1] = True
+    for wall in walls:
+        cells = blocked[:, wall.line] if wall.axis == 0 else blocked[wall.line, :]
+        if open_door_size:
+            cells[wall.door_start : wall.door_start + open_door_size] = False
+    areas = []
+    while not blocked.all():
+        stack, area = [tuple(np.argwhere(~blocked)[0])], 0
+        while stack:
+            row, column = stack.pop()
+            if not blocked[row, column]:
+                blocked[row, column] = True
+                area += 1
+                stack += [(row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
+        areas.append(area)
+    return areas
+
+
+if __name__ == "__main__":
+    n_rooms, seed = (int(text) for text in (sys.argv[1:] + ["4", "0"][len(sys.argv) - 1 :])[:2])
+    rng = np.random.default_rng(seed)
+    draws = [generate(rng, n_rooms) for _ in range(500)]
+    plans = [draw[0] for draw in draws if draw is not None]
+    rooms = [len(room_areas(plan, 30)) for plan in plans]
+    lengths = [wall.end - wall.start for plan in plans for wall in plan]
+    print(f"n_rooms {n_rooms}, seed {seed}: 500 draws, failures (None) {500 - len(plans)}")
+    print(f"mean length {np.mean(lengths):.4f} (std {np.std(lengths):.4f}, n {len(lengths)})")
+    print(f"mean number of rooms {np.mean(rooms):.4f}")
+    print(f"room counts seen {sorted(set(rooms))}, smallest room {min(min(room_areas(p, 30)) for p in plans)}")
+    print(f"components with open doors {sorted({len(room_areas(p, 30, 2)) for p in plans})}")
+    single = [play_round(rng, n_rooms, 30, 6, 2) for _ in range(500)]
+    print(f"of 500 single rounds: wall failures {single.count('wall')}, door failures {single.count('door')}")

@@ -1,0 +1,138 @@
+"""Placement functions against the distances and rectangles that they promise."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+
+N, FLOOR, CELL = 1_000, 6.0, 0.2
+AGENT, HALF = 0.15, 0.25
+
+
+def make(*modules, scenario="empty"):
+    n_agents = next(m.n_max for m in modules if isinstance(m, maax.Agents))
+    env = maax.Base(n_agents, impl="c")
+    for module in (maax.WallScenarios(scenario), *modules):
+        env.add_module(module)
+    return env
+
+
+def draw(env, batch_reset):
+    """Centres (N, n, 2) by module name, the plan, and whether layouts are valid; absent things are NaN."""
+    state = jax.device_get(batch_reset(env, jax.random.split(jax.random.key(2), N)).replace(key=()))
+    xy = {}
+    for name, module in env.modules.items():
+        if name != "walls":
+            place = state.data.qpos[:, module.qpos_ids[:, :2]]
+            xy[name] = np.where(state.world.active[module.kind][..., None], place, np.nan)
+    return xy, state.world
+
+
+def inside(xy, rect, half):
+    return ((xy - half >= np.array(rect)[..., :2] - 1e-4) & (xy + half <= np.array(rect)[..., 2:] + 1e-4)).all(axis=-1)
+
+
+def test_separation_and_proximity(batch_reset):
+    """Two boxes, two agents near the first, a ramp and more away from everything before it."""
+    env = make(
+        maax.Boxes((0, 2)),
+        maax.Agents(2, maax.proximity_placement(1.2, to="box0")),
+        maax.Ramps(2, maax.separation_placement(1.5)),
+    )
+    xy, world = draw(env, batch_reset)
+    assert world.valid.all()
+    boxes, agents, ramps = xy["boxes"], xy["agents"], xy["ramps"]
+    anchored = world.active["box"][:, 0]
+    assert 0.5 < anchored.mean() < 0.8
+    near = np.linalg.norm(agents - boxes[:, :1], axis=-1)
+    assert near[anchored].max() <= 1.2
+    assert near[anchored].max() > 0.9
+    others = np.concatenate([boxes, agents, ramps], axis=1)
+    for i in range(2):
+        before = np.delete(others, [*range(4 + i, 6)], axis=1)
+        apart = np.linalg.norm(ramps[:, i, None] - before, axis=-1)
+        assert np.nanmin(apart) >= 1.5
+        assert np.nanmin(apart) < 1.8
+    free = agents[~anchored]
+    assert (free.max(axis=(0, 1)) > 5).all(), "without its anchor, proximity is uniform"
+    assert (free.min(axis=(0, 1)) < 1).all()
+
+
+def test_centre_and_middle(batch_reset):
+    env = make(maax.Boxes(1, maax.centre_placement), maax.Agents(1, maax.middle_placement(0.4)))
+    xy, world = draw(env, batch_reset)
+    assert world.valid.all()
+    assert np.abs(xy["boxes"] - FLOOR / 2).max() <= CELL
+    square = [FLOOR * 0.3, FLOOR * 0.3, FLOOR * 0.7, FLOOR * 0.7]
+    assert inside(xy["agents"], square, AGENT).all()
+    assert np.ptp(xy["agents"], axis=0).min() > 1.8
+
+
+def test_rooms_and_combinations(batch_reset):
+    env = make(
+        maax.Boxes(1, maax.any_of(maax.middle_placement(0.1), maax.room_placement(0))),
+        maax.Agents(3, [*[maax.room_placement(i) for i in range(2)], maax.uniform_placement]),
+        maax.Ramps(1, maax.all_of(maax.room_placement(2), maax.separation_placement(0.8))),
+        scenario="tri",
+    )
+    xy, world = draw(env, batch_reset)
+    assert world.valid.all()
+    rooms = world.plan.rooms * CELL
+    for i in range(2):
+        assert inside(xy["agents"][:, i], rooms[:, i], AGENT).all()
+    assert inside(xy["ramps"][:, 0], rooms[:, 2], HALF).all()
+    others = np.concatenate([xy["boxes"], xy["agents"]], axis=1)
+    assert np.linalg.norm(xy["ramps"] - others, axis=-1).min() >= 0.8
+    assert inside(xy["boxes"][:, 0], rooms[:, 0], HALF).mean() > 0.9
+
+
+def test_quadrant_placement_in_a_mix(batch_reset):
+    """Where a world of the mix has no quadrant, its placement is uniform."""
+    env = make(maax.Agents(2, [maax.quad_placement, maax.outside_quad_placement]), scenario=("quad", "half"))
+    xy, world = draw(env, batch_reset)
+    assert world.valid.all()
+    quad = world.plan.scenario == 0
+    rect = world.plan.quadrant * CELL
+    assert inside(xy["agents"][:, 0], rect, AGENT)[quad].all()
+    assert not inside(xy["agents"][:, 1], rect, AGENT)[quad].any()
+    assert (xy["agents"][~quad].min(axis=0) < 1).all()
+
+
+def test_a_function_of_ones_own(batch_reset):
+    def left(layout, cells):
+        return (jax.numpy.arange(layout.grid.size)[:, None] < 5) * jax.numpy.ones((1, layout.grid.size))
+
+    xy, _ = draw(make(maax.Agents(1, left)), batch_reset)
+    assert xy["agents"][..., 0].max() < 5 * CELL + 2 * AGENT
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: maax.middle_placement(0), "fraction: got 0; takes a number above 0, up to 1"),
+        (lambda: maax.middle_placement(1.5), "fraction: got 1.5"),
+        (lambda: maax.separation_placement(-1), "radius: got -1; takes a positive number"),
+        (lambda: maax.proximity_placement(1.0, 3), "to: got 3; takes an object's name"),
+        (lambda: maax.room_placement(-1), "index: got -1"),
+        (lambda: maax.all_of(), "all_of: got ()"),
+        (lambda: maax.any_of(maax.quad_placement, 3), "any_of: got"),
+        (lambda: make(maax.Agents(1, maax.all_of(maax.quad_placement))), "there is none"),
+        (
+            lambda: make(maax.Agents(1, maax.room_placement(3)), scenario="tri").reset(jax.random.key(0)),
+            "room_placement: got room 3; worlds of this environment have 3",
+        ),
+        (lambda: maax.WallScenarios([]), "scenario: got none"),
+        (lambda: maax.WallScenarios(["quad", "cube"]), "scenario: got 'cube'"),
+        (lambda: maax.WallScenarios(["quad", "tri"], probabilities=[0.5]), "probabilities: got [0.5]; takes 2"),
+        (lambda: maax.WallScenarios(p_door_dropout=1.5), "p_door_dropout: got 1.5; takes a number in [0, 1]"),
+        (lambda: maax.RandomWalls((3, 2)), "n_rooms: got (3, 2)"),
+        (lambda: maax.Base(1).add_module(maax.RandomWalls(2, 20)), "min_room_size: got 20"),
+    ],
+)
+def test_mistakes(call, message):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        call()
+    assert message in str(error.value)
