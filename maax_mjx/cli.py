@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,8 +15,10 @@ import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
+from maax_mjx.checks import check_choice
 from maax_mjx.env import Environment
 from maax_mjx.export import world_of
+from maax_mjx.layout import PlacementFn
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.viewer import contact_sheet, gif
 
@@ -106,6 +109,74 @@ def rollout(args: Rollout) -> None:
     print(f"wrote {args.out}/worlds.png, {args.out}/rollout.gif, {args.out}/world.xml (its keyframe 0 is this state)")
 
 
+@dataclass
+class Sheet:
+    """Draws worlds from above: a contact sheet of layouts, nothing is stepped."""
+
+    scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
+    """Room scenarios; of several, every world draws one."""
+    placement: str = "uniform"
+    """Where the agents go: uniform, centre, quad, outside_quad, middle:FRACTION, separation:RADIUS,
+    proximity:RADIUS:OBJECT (such as proximity:1:box0), room:INDEX."""
+    n: int = 12
+    """How many worlds."""
+    n_agents: int = 4
+    """Agents per world."""
+    n_boxes: tuple[int, ...] = (1,)
+    """Boxes per world: one number, or LOW HIGH for a range."""
+    n_ramps: tuple[int, ...] = (1,)
+    """Ramps per world: one number, or LOW HIGH for a range."""
+    seed: int = 0
+    """Of the worlds."""
+    out: Path = field(default_factory=lambda: Path("maax-out") / "sheet.png")
+    """The picture."""
+
+
+def sheet(args: Sheet) -> None:
+    """Runs `maax-mjx worlds`."""
+    if args.n < 1:
+        raise ValueError(f"n: got {args.n}; takes at least 1")
+    env = maax.Base(args.n_agents)
+    env.add_module(maax.WallScenarios(args.scenario))
+    env.add_module(maax.Boxes(_count("n_boxes", args.n_boxes)))
+    env.add_module(maax.Agents(args.n_agents, parse_placement(args.placement)))
+    env.add_module(maax.Ramps(_count("n_ramps", args.n_ramps)))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
+    worlds = [world_of(states, i) for i in range(args.n)]
+    titles = [args.scenario[int(w.world.plan.scenario)] + ("" if w.world.valid else " (invalid)") for w in worlds]
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    contact_sheet(env, worlds, args.out, titles)
+    print(f"wrote {args.out}: {args.n} worlds, {int((~states.world.valid).sum())} invalid")
+
+
+def parse_placement(text: str) -> PlacementFn:
+    """The placement function that a text such as "middle:0.5" names.
+
+    Raises:
+        ValueError: an unknown name, or arguments that it does not take.
+    """
+    name, *values = text.split(":")
+    plain = {
+        "uniform": maax.uniform_placement,
+        "centre": maax.centre_placement,
+        "quad": maax.quad_placement,
+        "outside_quad": maax.outside_quad_placement,
+    }
+    made: dict[str, Callable[..., PlacementFn]] = {
+        "middle": lambda fraction: maax.middle_placement(float(fraction)),
+        "separation": lambda radius: maax.separation_placement(float(radius)),
+        "proximity": lambda radius, to: maax.proximity_placement(float(radius), to),
+        "room": lambda index: maax.room_placement(int(index)),
+    }
+    check_choice("placement", name, [*plain, *made])
+    if name in plain and not values:
+        return plain[name]
+    try:
+        return made[name](*values)
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"placement: got {text!r}; see maax-mjx worlds --help for what {name!r} takes") from None
+
+
 class _Interrupt:
     """Notes Ctrl-C instead of raising it, which would tear down the physics in the middle of a step.
 
@@ -168,6 +239,7 @@ def main() -> None:
     """The entry point: parses the command line and runs the command; a user's mistake exits with 2."""
     app = tyro.extras.SubcommandApp()
     app.command(name="rollout")(_rollout)
+    app.command(name="worlds")(_sheet)
     try:
         app.cli(description="maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.")
     except (ValueError, OSError, maax.MissingLibraryError) as error:
@@ -182,4 +254,9 @@ def _rollout(args: tyro.conf.OmitArgPrefixes[Rollout]) -> None:
     rollout(args)
 
 
+def _sheet(args: tyro.conf.OmitArgPrefixes[Sheet]) -> None:
+    sheet(args)
+
+
 _rollout.__doc__ = Rollout.__doc__
+_sheet.__doc__ = Sheet.__doc__

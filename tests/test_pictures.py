@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from maax_mjx.cli import Rollout, rollout
+from maax_mjx.cli import Rollout, Sheet, parse_placement, rollout, sheet
 from maax_mjx.export import world_of
 from maax_mjx.viewer import contact_sheet, draw_plan
 
@@ -42,6 +43,42 @@ def test_a_mistake_exits_with_2_and_names_it(argument, name, tmp_path):
     assert done.returncode == 2
     assert any(word in done.stderr for word in name.split("|"))
     assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_writes_what_was_done(tmp_path):
+    """The first interrupt ends the rollout after the step that runs, with everything written."""
+    command = [
+        sys.executable,
+        "-c",
+        "from maax_mjx.cli import main; main()",
+        "rollout",
+        "--worlds=4",
+        "--steps=10000000",
+    ]
+    process = subprocess.Popen(
+        [*command, f"--out={tmp_path}"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    seen = ""
+    while "env-steps/s" not in seen:
+        seen += process.stderr.read(1)
+    process.send_signal(signal.SIGINT)
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert "interrupted: writing what was done" in printed
+    for name in ("worlds.png", "rollout.gif", "world.xml"):
+        assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_sheet_of_worlds(tmp_path, capsys):
+    sheet(Sheet(scenario=("tri", "random"), placement="proximity:1.5:box0", n=5, out=tmp_path / "a" / "sheet.png"))
+    assert "5 worlds, 0 invalid" in capsys.readouterr().out
+    assert np.asarray(Image.open(tmp_path / "a" / "sheet.png")).std() > 10
+
+
+@pytest.mark.parametrize("text", ["middle", "quad:3", "nowhere", "room:x", "proximity:1"])
+def test_placements_that_are_none(text):
+    with pytest.raises(ValueError, match="placement: got"):
+        parse_placement(text)
 
 
 def test_help_explains_every_option():
