@@ -7,6 +7,7 @@ import_mjx()
 
 from maax_mjx import testing  # noqa: E402
 from maax_mjx.base import Base  # noqa: E402
+from maax_mjx.curriculum import Curriculum  # noqa: E402
 from maax_mjx.env import Environment  # noqa: E402
 from maax_mjx.export import to_mjcf  # noqa: E402
 from maax_mjx.layout import (  # noqa: E402
@@ -35,6 +36,7 @@ __all__ = [
     "Agents",
     "Base",
     "Boxes",
+    "Curriculum",
     "DomainParams",
     "Environment",
     "MissingLibraryError",

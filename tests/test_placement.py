@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from scipy import stats
 
 import maax_mjx as maax
 
@@ -99,6 +100,31 @@ def test_quadrant_placement_in_a_mix(batch_reset):
     assert inside(xy["agents"][:, 0], rect, AGENT)[quad].all()
     assert not inside(xy["agents"][:, 1], rect, AGENT)[quad].any()
     assert (xy["agents"][~quad].min(axis=0) < 1).all()
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_random_yaw(free, batch_reset):
+    """Turned squares touch nothing: compared as polygons, by separating axes; angles are uniform."""
+    env = make(maax.Boxes(3, free=free, random_yaw=True), maax.Agents(1, random_yaw=True))
+    state = jax.device_get(batch_reset(env, jax.random.split(jax.random.key(3), N)).replace(key=()))
+    assert state.world.valid.all()
+    boxes = env.modules["boxes"]
+    mats = state.data.geom_xmat[:, boxes.geom_ids][..., :2, :2]
+    yaw = np.arctan2(mats[..., 1, 0], mats[..., 0, 0]).ravel()
+    assert stats.kstest((yaw + np.pi) / (2 * np.pi), "uniform").pvalue > 1e-3
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * HALF
+    polygons = np.einsum("nbij,cj->nbci", mats, corners) + state.data.geom_xpos[:, boxes.geom_ids][..., None, :2]
+    wall = 0.15
+    assert polygons.min() > wall - 1e-4
+    assert polygons.max() < FLOOR - wall + 1e-4
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        gaps = []
+        for axes in (mats[:, i], mats[:, j]):
+            a, b = (np.einsum("nck,nkd->ncd", polygons[:, k], axes) for k in (i, j))
+            gaps += [b.min(1) - a.max(1), a.min(1) - b.max(1)]
+        assert (np.concatenate(gaps, axis=1).max(axis=1) > -1e-4).all()
+    agents = state.data.qpos[:, env.agents.qpos_ids[0][3]]
+    assert stats.kstest(agents / (2 * np.pi), "uniform").pvalue > 1e-3
 
 
 def test_a_function_of_ones_own(batch_reset):

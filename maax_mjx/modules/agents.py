@@ -30,6 +30,7 @@ class Agents(Entities):
         n_agents: how many.
         placement_fn: one function for all, or a list with one per agent.
         colors: RGBA per agent; None is grey for all.
+        random_yaw: whether agents start facing anywhere; else all face -y.
 
     Raises:
         ValueError: a count below 1, or a list of the wrong length.
@@ -40,15 +41,17 @@ class Agents(Entities):
     count_name = "n_agents"
     rest_depth = 3.67e-4
     contacts_each = 4.5
+    is_round = True
 
     def __init__(
         self,
         n_agents: int,
         placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
         colors: Sequence[Sequence[float]] | None = None,
+        random_yaw: bool = False,
     ):
         n_agents = check_count("n_agents", n_agents, minimum=1)
-        super().__init__(n_agents, (DIAMETER, DIAMETER, DIAMETER), placement_fn, minimum=1)
+        super().__init__(n_agents, (DIAMETER, DIAMETER, DIAMETER), placement_fn, random_yaw=random_yaw, minimum=1)
         colors = [(0.5, 0.5, 0.5, 1.0)] * n_agents if colors is None else colors
         self.colors = np.asarray(colors, float) if isinstance(colors, Sequence) else np.zeros(0)
         if self.colors.shape != (n_agents, 4):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import hypot
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +27,7 @@ class Entities(Module):
         rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
             gravity. Put down at exactly zero it would be in contact or fall by the last bit of a float, and no two
             engines would agree on its first steps.
+        is_round: whether turning one leaves its footprint as it is.
         contacts_each: contact points of one in a jam, on MJX, which gives some points twice. In 128 worlds of M, jammed
             for 1,000 steps under full force at -50 m/s^2, the most were 23, of 31 that this makes.
 
@@ -34,12 +36,14 @@ class Entities(Module):
         extent: (x, y, z) of one in metres.
         placement_fn: where they go: one function for all, or a list with one for each slot.
         free: whether `make` gives a free joint rather than slides x, y, z and a yaw hinge.
+        random_yaw: whether each starts turned by a uniformly random angle; else all at yaw 0.
     """
 
     kind: str
     count_name: str
     rest_depth = 1.08e-4
     contacts_each = 6.5
+    is_round = False
 
     def __init__(
         self,
@@ -48,6 +52,7 @@ class Entities(Module):
         placement_fn: PlacementFn | Sequence[PlacementFn],
         *,
         free: bool = False,
+        random_yaw: bool = False,
         minimum: int = 0,
     ):
         self.count = check_count_range(self.count_name, count, minimum)
@@ -55,6 +60,7 @@ class Entities(Module):
         self.extent = np.asarray(extent, np.float32)
         self.placement_fns: list[Callable] = check_per_object("placement_fn", placement_fn, self.n_max)
         self.free = free
+        self.random_yaw = random_yaw
         self.requires_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in self.placement_fns)
 
     def make(self, name: str) -> Obj:
@@ -75,7 +81,10 @@ class Entities(Module):
 
     @property
     def extents(self) -> list[tuple[float, float]]:
-        return [(float(self.extent[0]), float(self.extent[1]))] * self.n_max
+        x, y = map(float, self.extent[:2])
+        if self.random_yaw and not self.is_round:
+            x = y = hypot(x, y)
+        return [(x, y)] * self.n_max
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
         for i in range(self.n_max):
@@ -97,16 +106,21 @@ class Entities(Module):
             return layout.replace(active=layout.active | {self.kind: jnp.zeros(0, bool)})
         wanted = jnp.arange(self.n_max) < params.draw_count(jax.random.fold_in(key, self.n_max), self.count_name)
         seeds = layout.seeds(key, self.n_max)
-        extent = jnp.asarray(self.extent[:2])
+        yaw = self._draw_yaw(key, layout)
+        extents = self._turned_extents(yaw)
         centres, placed = [], []
         for i, fn in enumerate(self.placement_fns):
-            layout, centre, ok = layout.place(f"{self.kind}{i}", seeds[i], extent, fn, wanted[i])
+            layout, centre, ok = layout.place(f"{self.kind}{i}", seeds[i], extents[i], fn, wanted[i])
             centres.append(centre)
             placed.append(ok)
         active = jnp.stack(placed)
         height = jnp.full((self.n_max, 1), self.extent[2] / 2 - self.rest_depth)
-        position = jnp.concatenate([jnp.stack(centres), height], axis=1)
-        ids = self.qpos_ids[:, :3]
+        turn = yaw[:, None]
+        if self.free:
+            nothing = jnp.zeros_like(turn)
+            turn = jnp.concatenate([jnp.cos(turn / 2), nothing, nothing, jnp.sin(turn / 2)], axis=1)
+        position = jnp.concatenate([jnp.stack(centres), height, turn], axis=1)
+        ids = self.qpos_ids
         qpos = layout.qpos.at[ids].set(jnp.where(active[:, None], position, layout.qpos[ids]))
         gravcomp = layout.fields["body_gravcomp"].at[self.body_ids].set(jnp.where(active, 0.0, 1.0))
         return layout.replace(
@@ -114,6 +128,21 @@ class Entities(Module):
             fields=layout.fields | {"body_gravcomp": gravcomp},
             active=layout.active | {self.kind: active},
         )
+
+    def _draw_yaw(self, key: jax.Array, layout: Layout) -> jax.Array:
+        """(n_max,) radians in [0, 2 pi); zeros unless `random_yaw`."""
+        if not self.random_yaw:
+            return jnp.zeros(self.n_max)
+        bits = layout.seeds(jax.random.fold_in(key, self.n_max + 1), self.n_max)[:, 0]
+        return (bits >> 8).astype(jnp.float32) / 2**24 * 2 * jnp.pi
+
+    def _turned_extents(self, yaw: jax.Array) -> jax.Array:
+        """(n_max, 2) extents along x and y of the turned objects' bounding boxes, in metres."""
+        x, y = self.extent[0], self.extent[1]
+        if self.is_round:
+            return jnp.broadcast_to(jnp.stack([x, y]), (self.n_max, 2))
+        cos, sin = jnp.abs(jnp.cos(yaw)), jnp.abs(jnp.sin(yaw))
+        return jnp.stack([cos * x + sin * y, sin * x + cos * y], axis=1)
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """`<kind>_obs` (n_max, 9): position, cos and sin of yaw, velocities; with free joints (n_max, 15): position,

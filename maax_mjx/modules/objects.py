@@ -22,6 +22,7 @@ class Boxes(Entities):
         box_size: edge length in metres.
         box_friction: sliding friction; None keeps MuJoCo's default of 1.
         free: a free joint instead of slides x, y, z and a yaw hinge.
+        random_yaw: whether each starts turned by a uniformly random angle.
 
     Raises:
         ValueError: a negative or reversed count, or a size that is not positive.
@@ -38,8 +39,11 @@ class Boxes(Entities):
         box_size: float = 0.5,
         box_friction: float | None = None,
         free: bool = False,
+        random_yaw: bool = False,
     ):
-        super().__init__(n_boxes, [check_positive("box_size", box_size)] * 3, placement_fn, free=free)
+        super().__init__(
+            n_boxes, [check_positive("box_size", box_size)] * 3, placement_fn, free=free, random_yaw=random_yaw
+        )
         self.friction = check_friction("box_friction", box_friction)
 
     def make(self, name: str) -> Obj:
@@ -56,6 +60,7 @@ class Ramps(Entities):
         placement_fn: one function for all, or a list with one per slot.
         ramp_friction: sliding friction; None keeps MuJoCo's default of 1.
         free: a free joint instead of slides x, y, z and a yaw hinge.
+        random_yaw: whether each starts turned by a uniformly random angle.
 
     Raises:
         ValueError: a negative or reversed count.
@@ -71,8 +76,9 @@ class Ramps(Entities):
         placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
         ramp_friction: float | None = None,
         free: bool = False,
+        random_yaw: bool = False,
     ):
-        super().__init__(n_ramps, [RAMP_SIZE] * 3, placement_fn, free=free)
+        super().__init__(n_ramps, [RAMP_SIZE] * 3, placement_fn, free=free, random_yaw=random_yaw)
         self.friction = check_friction("ramp_friction", ramp_friction)
 
     def make(self, name: str) -> Obj:

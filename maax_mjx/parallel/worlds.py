@@ -123,7 +123,10 @@ class Worlds:
             ValueError: params beyond their bounds.
         """
         params = self._per_world(params)
-        return states.replace(params=params, upcoming=states.upcoming.replace(stale=jnp.ones(self.n_worlds, bool)))
+        old, new = (jnp.stack(jax.tree.leaves(p), axis=1) for p in (states.params, params))
+        # Beginnings drawn from the old ranges are drawn again, where the ranges are others.
+        stale = states.upcoming.stale | (old != new).any(axis=(1, 2))
+        return states.replace(params=params, upcoming=states.upcoming.replace(stale=stale))
 
     def _per_world(self, params: DomainParams) -> DomainParams:
         """A range for every world, in memory of their own, since states are donated."""
