@@ -68,16 +68,6 @@ def test_forward_reverse_and_finite_differences_agree(derivatives, gap, pushed):
     np.testing.assert_allclose(forward, differences, atol=1e-4 * scale)
 
 
-def test_in_float32_and_batched():
-    """As users have it."""
-    env = make()
-    state = jax.vmap(lambda gap: facing_a_box(env, gap))(jnp.array([2.0, 0.0]))
-    actions = jnp.full((2, 5, 1, 3), 0.7)
-    gradient = jax.jit(jax.vmap(jax.grad(lambda a, s: ends(env, a, s)[0])))(actions, state)
-    assert np.isfinite(gradient).all()
-    assert (np.abs(gradient[:, 0, 0, 0]) > 1e-4).all()
-
-
 def test_the_world_has_no_derivative():
     env = make()
     state = jax.eval_shape(env.reset, jax.random.key(0))

@@ -55,12 +55,17 @@ def test_warp():
         assert counts["contact_overflow"] == 0
 
 
-@pytest.mark.parametrize("impl", ["c", "warp"])
+@pytest.fixture(scope="module", params=["c", "warp"])
+def four(request):
+    """Four worlds and their first states, compiled once per engine."""
+    worlds = maax.Worlds(request.getfixturevalue(f"env_{request.param}"), 4, donate=False)
+    return worlds, worlds.reset(jax.random.key(1))
+
+
 @pytest.mark.parametrize("damage", ["nan", "outside", "high", "below"])
-def test_a_fault_is_contained(impl, damage, request):
-    env = request.getfixturevalue(f"env_{impl}")
-    worlds = maax.Worlds(env, 4, donate=False)
-    states = worlds.reset(jax.random.key(1))
+def test_a_fault_is_contained(four, damage):
+    worlds, states = four
+    env = worlds.env
     action = worlds.sample_action(jax.random.key(2))
     joint = {"nan": 0, "outside": 0, "high": 2, "below": 2}[damage]
     value = {"nan": np.nan, "outside": 7.0, "high": 9.0, "below": -2.0}[damage]
