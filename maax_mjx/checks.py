@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-IntRange = int | tuple[int, int]
+FloatRange = float | tuple[float, float]
+FloatPair = tuple[float, float]
 
 
 def is_traced(tree: Any) -> bool:
@@ -20,36 +21,53 @@ def is_traced(tree: Any) -> bool:
 
 def check_count(name: str, value: Any, minimum: int = 0) -> int:
     """A whole number of at least `minimum`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < minimum:
+    if not _is_number(value, int, np.integer) or value < minimum:
         raise ValueError(f"{name}: got {value!r}; takes a whole number of at least {minimum}")
     return int(value)
 
 
 def check_count_range(name: str, value: Any, minimum: int = 0) -> tuple[int, int]:
     """A whole number, or (low, high) with minimum <= low <= high."""
-    pair = value if isinstance(value, tuple | list) else (value, value)
-    whole = len(pair) == 2 and all(isinstance(v, int | np.integer) and not isinstance(v, bool) for v in pair)
-    if not whole or not minimum <= pair[0] <= pair[1]:
+    low, high = _pair(value)
+    if not _is_number(low, int, np.integer) or not _is_number(high, int, np.integer) or not minimum <= low <= high:
         raise ValueError(
             f"{name}: got {value!r}; takes a whole number of at least {minimum}, or (low, high) with low <= high"
         )
-    return int(pair[0]), int(pair[1])
+    return int(low), int(high)
 
 
 def check_positive(name: str, value: Any) -> float:
     """A positive finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < value < float("inf"):
+    if not _is_number(value) or not 0 < value < np.inf:
         raise ValueError(f"{name}: got {value!r}; takes a positive number")
     return float(value)
 
 
-def check_fraction(name: str, value: Any) -> tuple[float, float]:
-    """A share in [0, 1], or (low, high) with 0 <= low <= high <= 1."""
-    pair = value if isinstance(value, tuple | list) else (value, value)
-    numbers = len(pair) == 2 and all(isinstance(v, int | float | np.number) and not isinstance(v, bool) for v in pair)
-    if not numbers or not 0 <= pair[0] <= pair[1] <= 1:
-        raise ValueError(f"{name}: got {value!r}; takes a number in [0, 1], or (low, high) with low <= high")
+def check_range(name: str, value: Any, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> FloatPair:
+    """A finite number in [low, high], or (low, high) of such; `above` leaves out the lower bound itself."""
+    pair = _pair(value)
+    inside = all(_is_number(v) and low <= v <= high and abs(v) < np.inf and not (above and v == low) for v in pair)
+    if not inside or not pair[0] <= pair[1]:
+        least = f"above {low:g}" if above else f"of at least {low:g}"
+        takes = least if high == np.inf else f"{least}, up to {high:g}" if above else f"in [{low:g}, {high:g}]"
+        raise ValueError(f"{name}: got {value!r}; takes a number {takes}, or (low, high) with low <= high")
     return float(pair[0]), float(pair[1])
+
+
+def check_fraction(name: str, value: Any) -> FloatPair:
+    """A share in [0, 1], or (low, high) of such."""
+    return check_range(name, value, 0.0, 1.0)
+
+
+def _pair(value: Any) -> tuple[Any, Any]:
+    """(low, high) of what a user gave as a range; Nones where it is not two."""
+    if not isinstance(value, tuple | list):
+        return value, value
+    return (value[0], value[1]) if len(value) == 2 else (None, None)
+
+
+def _is_number(value: Any, *kinds: type) -> bool:
+    return isinstance(value, kinds or (int, float, np.number)) and not isinstance(value, bool)
 
 
 def check_friction(name: str, value: Any) -> float | None:

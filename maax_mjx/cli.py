@@ -216,7 +216,7 @@ def _advance(worlds: Worlds) -> jax.stages.Wrapped:
 
 
 def _summary(env: Environment, states: WorldsState, n: int, steps: int, spent: float, compiled: float) -> None:
-    counts = {name: int(value.sum()) for name, value in states.counts.items()}
+    counts = states.totals()
     rate = n * steps / spent if spent else 0.0
     base = env.base
     rows = {

@@ -198,7 +198,11 @@ HOLDS_NAN = ("action: 'move' holds NaN", "takes numbers in [-1, 1]")
 ABOVE = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 3")
 ABOVE_SMALL = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 2")
 REVERSED = ("params: n_boxes is (2, 1)", "0 <= low <= high <= 3")
-FOREIGN = ("params: got ranges for ['n_agents', 'n_boxes']", "takes exactly ['n_agents', 'n_boxes', 'n_ramps', ")
+BATCH_OF_PARAMS = ("params: prob_outside_walls has shape (3, 2)", "takes (2,)")
+FOREIGN = (
+    "params: got ranges for ['n_agents', 'n_boxes']",
+    "takes exactly ['n_agents', 'n_boxes', 'n_ramps', 'p_door_dropout', 'prob_outside_walls']",
+)
 SINGLE = ("world: got 0", "single world", "takes None")
 BATCH = "the state is a batch and takes an index below 3"
 
@@ -259,10 +263,10 @@ CALLS = {
     "params None": (lambda k: boxes(k.ranges, None), "n_boxes", "None"),
     "params nan": (lambda k: k.ranges.check_params(floats(k.ranges, (NAN, 1.0))), "n_boxes", "nan"),
     "params float": (lambda k: k.ranges.check_params(floats(k.ranges, (0.5, 1.0))), "n_boxes", "0.5"),
-    "params of a batch": (lambda k: k.ranges.reset(k.key, per_world(k.ranges, 3)), "params: ", "(3, 2)", "(2,)"),
+    "params of a batch": (lambda k: k.ranges.reset(k.key, per_world(k.ranges, 3)), *BATCH_OF_PARAMS),
     "params of 4 worlds": (
         lambda k: k.worlds.reset(k.key, per_world(k.small, 4)),
-        "params: ",
+        "params: n_agents has shape (4, 2)",
         "takes",
         "(4, 2)",
     ),

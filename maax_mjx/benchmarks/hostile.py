@@ -126,7 +126,7 @@ def main(config: Config) -> None:
             ).base
             worlds = maax.Worlds(env, config.worlds)
             play = player(worlds)
-            chunks = jnp.arange(config.steps // CHUNK * CHUNK).reshape(-1, CHUNK)
+            chunks = jnp.arange(config.steps).reshape(-1, CHUNK)
             jax.block_until_ready(play(worlds.reset(jax.random.key(0)), Seen.nothing(), chunks[0], 1))
             for held in config.held:
                 states, seen = worlds.reset(jax.random.key(0)), Seen.nothing()
@@ -134,7 +134,7 @@ def main(config: Config) -> None:
                 for steps in tqdm(chunks, desc=f"{impl} g {gravity} held {held}", unit=f"{CHUNK} steps", leave=False):
                     states, seen = jax.block_until_ready(play(states, seen, steps, held))
                 rate = config.worlds * chunks.size / (time.perf_counter() - begun)
-                counts = {name: int(value.sum()) for name, value in states.counts.items()}
+                counts = states.totals()
                 row = Row(
                     impl=impl,
                     worlds=config.worlds,

@@ -179,7 +179,7 @@ def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
                     begun = time.perf_counter()
                     latest[name] = jax.block_until_ready(roll(latest[name], moves, steps, held))
                     spent[name] += time.perf_counter() - begun
-            counts = {name: int(value.sum()) for name, value in latest["env"].counts.items()}
+            counts = latest["env"].totals()
             total = n_worlds * n_steps
             yield Row(
                 impl=impl,

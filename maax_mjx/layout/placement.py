@@ -57,7 +57,7 @@ def middle_placement(fraction: float) -> PlacementFn:
     Raises:
         ValueError: a fraction outside (0, 1].
     """
-    if isinstance(fraction, bool) or not isinstance(fraction, int | float) or not 0 < fraction <= 1:
+    if not isinstance(fraction, int | float) or isinstance(fraction, bool) or not 0 < fraction <= 1:
         raise ValueError(f"fraction: got {fraction!r}; takes a number above 0, up to 1")
 
     def placement(layout: Layout, cells: jax.Array) -> jax.Array:

@@ -51,6 +51,10 @@ class WorldsState(State):
     seed: jax.Array
     upcoming: Upcoming
 
+    def totals(self) -> dict[str, int]:
+        """`counts`, summed over all worlds. Host."""
+        return {name: int(value.sum()) for name, value in self.counts.items()}
+
 
 class Worlds:
     """`n_worlds` worlds of one environment, stepped together and reset one by one.
