@@ -22,7 +22,19 @@ from maax_mjx.layout import (  # noqa: E402
     separation_placement,
     uniform_placement,
 )
-from maax_mjx.modules import Agents, Boxes, Module, Ramps, RandomWalls, WallScenarios  # noqa: E402
+from maax_mjx.modules import (  # noqa: E402
+    Agents,
+    Boxes,
+    ConstructionSites,
+    Cylinders,
+    FloorAttributes,
+    Food,
+    Module,
+    Ramps,
+    RandomWalls,
+    WallScenarios,
+    WorldConstants,
+)
 from maax_mjx.parallel import Worlds, WorldsState  # noqa: E402
 from maax_mjx.params import DomainParams  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError  # noqa: E402
@@ -36,9 +48,13 @@ __all__ = [
     "Agents",
     "Base",
     "Boxes",
+    "ConstructionSites",
     "Curriculum",
+    "Cylinders",
     "DomainParams",
     "Environment",
+    "FloorAttributes",
+    "Food",
     "MissingLibraryError",
     "Module",
     "NotDifferentiableError",
@@ -46,6 +62,7 @@ __all__ = [
     "RandomWalls",
     "State",
     "WallScenarios",
+    "WorldConstants",
     "WorldParams",
     "Worlds",
     "WorldsState",

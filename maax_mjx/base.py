@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from zlib import crc32
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +11,15 @@ import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.capacity import check_room, contact_capacity
-from maax_mjx.checks import check_count, check_key, check_positive, is_traced
+from maax_mjx.capacity import contact_capacity
+from maax_mjx.checks import check_count, check_key
+from maax_mjx.composition import check_module
 from maax_mjx.env import Environment
-from maax_mjx.layout import Grid, Layout, RoomPlan
-from maax_mjx.modules import Agents, Entities, Module
-from maax_mjx.params import DomainParams, Parameter, check_params, default_params, params_in_bounds
+from maax_mjx.generation import draw_layout
+from maax_mjx.limits import ArenaLimits
+from maax_mjx.modules import Agents, Entities, Module, Sites
+from maax_mjx.modules.ranged import Ranged
+from maax_mjx.params import DomainParams, Parameter, check_params, default_params
 from maax_mjx.physics import (
     Data,
     Engine,
@@ -27,14 +29,11 @@ from maax_mjx.physics import (
     contain,
     find_fault,
     make_engine,
-    model_fields,
     union,
 )
 from maax_mjx.spaces import check_action, space_of
 from maax_mjx.state import State
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
-
-LAYOUT_TRIES = 8
 
 
 class Base(Environment):
@@ -47,7 +46,7 @@ class Base(Environment):
         n_agents: how many agents its `Agents` module has.
         n_frames: physics steps per env step.
         grid_size: cells per side of the placement grid.
-        floor_size: edge of the floor in metres.
+        floor_size: edge of the floor in metres, or (low, high), drawn per world; the grid's cells grow with it.
         horizon: env steps until an episode is truncated.
         impl: "jax", "warp", "c", or "auto": `warp` on NVIDIA where it is installed, `jax` on other accelerators, `c` on
             a bare CPU.
@@ -65,7 +64,7 @@ class Base(Environment):
         n_agents: int,
         n_frames: int = 1,
         grid_size: int = 30,
-        floor_size: float = 6.0,
+        floor_size: float | tuple[float, float] = 6.0,
         horizon: int = 1000,
         impl: str = "auto",
         world_params: WorldParams | None = None,
@@ -74,7 +73,7 @@ class Base(Environment):
         self.n_agents = check_count("n_agents", n_agents, minimum=1)
         self.n_frames = check_count("n_frames", n_frames, minimum=1)
         self.grid_size = check_count("grid_size", grid_size, minimum=8)
-        self.floor_size = check_positive("floor_size", floor_size)
+        self.floor_range = Ranged("floor_size", floor_size, above=True)
         self.horizon = check_count("horizon", horizon, minimum=1)
         self.impl = check_impl(impl)
         self.world_params = WorldParams() if world_params is None else world_params
@@ -98,25 +97,9 @@ class Base(Environment):
             raise RuntimeError("add_module: the environment is built already; add all modules before its first use")
         if not isinstance(module, Module):
             raise ValueError(f"module: got {module!r}; takes a Module")
-        if module.name in self._modules:
-            raise ValueError(f"module: got a second {module.name!r}; takes one of each, by name")
         if getattr(module, "_owner", self) is not self:
             raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
-        if isinstance(module, Agents) and module.n_max != self.n_agents:
-            raise ValueError(
-                f"n_agents: Base got {self.n_agents}, Agents got {module.n_max}; both take the same number"
-            )
-        if module.requires_quadrant and not any(m.provides_quadrant for m in self._modules.values()):
-            raise ValueError(
-                f"placement_fn: {type(module).__name__} places by the quadrant and there is none; "
-                'add WallScenarios(scenario="quad") before it'
-            )
-        if module.wall_cells(self.grid_size) and any(m.extents for m in self._modules.values()):
-            raise ValueError(
-                f"module: {type(module).__name__} comes after what it would be built over; add walls first"
-            )
-        module.check(self.grid_size, self.floor_size)
-        check_room([*self._modules.values(), module], self.grid_size, self.floor_size)
+        check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, self.floor_range.low)
         module._owner = self  # type: ignore[attr-defined]
         self._modules[module.name] = module
 
@@ -124,6 +107,21 @@ class Base(Environment):
     def modules(self) -> Mapping[str, Module]:
         """The modules by name."""
         return self._modules
+
+    @property
+    def floor_size(self) -> float:
+        """The largest edge of the floor in metres; a world's own is `state.world.plan.floor_size`."""
+        return self.floor_range.high
+
+    @property
+    def movables(self) -> list[Entities]:
+        """The modules of what can move, if they hold anything."""
+        return [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max and not m.static]
+
+    @property
+    def sites(self) -> dict[str, Sites]:
+        """The modules of marks on the floor, by kind."""
+        return {m.kind: m for m in self._modules.values() if isinstance(m, Sites) and m.n_max}
 
     @property
     def agents(self) -> Agents:
@@ -149,6 +147,10 @@ class Base(Environment):
         for module in self._modules.values():
             module.build_step(floor, self.grid_size)
         spec = builder.to_spec()
+        for module in self._modules.values():
+            module.spec_step(spec)
+        if self._limits is not None:
+            self._limits.edit(spec)
         # What can be absent floats where it is parked; the overlay gives it its weight when it is in play.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
@@ -174,7 +176,22 @@ class Base(Environment):
     def overlay(self) -> Overlay:
         """The rows of model fields in which worlds differ."""
         _ = self.model  # gives the modules their ids
-        return union(module.overlay for module in self._modules.values())
+        rows = [module.overlay for module in self._modules.values()]
+        if self.floor_range.varies:
+            rows.append(dict.fromkeys(("geom_pos", "geom_size"), self.floor_id))
+        if self._limits is not None:
+            rows.append({"jnt_range": self._limits.joint_ids(self.model)})
+        return union(rows)
+
+    @cached_property
+    def _limits(self) -> ArenaLimits | None:
+        limited = any(module.limits_arena for module in self._modules.values())
+        return ArenaLimits(self.movables, self.world_params.timestep) if limited else None
+
+    @cached_property
+    def floor_id(self) -> np.ndarray:
+        """(1,) the floor's geom id."""
+        return np.array([self.model.geom("floor").id])
 
     @cached_property
     def engine(self) -> Engine:
@@ -184,7 +201,8 @@ class Base(Environment):
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """What can be randomised, by name, with defaults and bounds."""
-        return {p.name: p for module in self._modules.values() for p in module.parameters}
+        parameters = self.floor_range.parameters + [p for module in self._modules.values() for p in module.parameters]
+        return {p.name: p for p in parameters}
 
     @property
     def base(self) -> Base:
@@ -219,10 +237,12 @@ class Base(Environment):
         self.check_params(params)
         params = jax.tree.map(jnp.asarray, params)
         layout_key, state_key = jax.random.split(key)
-        layout = self._draw_layout(layout_key, params)
+        layout = draw_layout(self, layout_key, params)
         fields = {name: layout.fields[name][ids] for name, ids in self.overlay.items()}
-        world = World(fields=fields, active=layout.active, plan=layout.plan, valid=layout.valid)
+        world = World(fields, layout.active, layout.extents, layout.sites, layout.plan, layout.valid)
         data = self.engine.init(world, layout.qpos)
+        if self._limits is not None:
+            world = self._limits.write(world, data, self.overlay)
         no = jnp.zeros((), bool)
         return State(
             data=data,
@@ -247,58 +267,44 @@ class Base(Environment):
         check_action(self.action_space, action)
         engine = self.engine  # gives the modules their ids, where nothing was reset yet
         move = jnp.asarray(action["move"], state.data.ctrl.dtype)
+        move = jnp.where(state.world.active[self.agents.kind][:, None], move, 0.0)
         ctrl = state.data.ctrl.at[self.agents.ctrl_ids.reshape(-1)].set(move.reshape(-1))
         before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
-        after, overflow = engine.advance(state.world, before, self.n_frames)
-        fault = self._fault(state.world, after) | jnp.isnan(ctrl).any()
+        world, after, overflow = self._advance(state.world, before)
+        fault = self._fault(world, after) | jnp.isnan(ctrl).any()
         after = contain(fault, before, after.replace(engine=engine.renew(after.engine, fault)))
-        data = engine.pose(state.world, after)
+        if self._limits is not None:
+            world = self._limits.write(world, after, self.overlay)
+        data = engine.pose(world, after)
         step = state.step + 1
         return state.replace(
             data=data,
-            obs=self._observe(state.world, data),
+            world=world,
+            obs=self._observe(world, data),
             reward=jnp.zeros_like(state.reward),
             terminated=jnp.zeros((), bool),
             truncated=fault | (step >= self.horizon),
             step=step,
             metrics={
                 "physics_fault": fault,
-                "layout_invalid": ~state.world.valid,
+                "layout_invalid": ~world.valid,
                 "contact_overflow": overflow & ~fault,
             },
         )
 
-    def _draw_layout(self, key: jax.Array, params: DomainParams) -> Layout:
-        """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
-        in_bounds = params_in_bounds(params, self.parameters) if is_traced(params) else jnp.ones((), bool)
+    def _advance(self, world: World, data: Data) -> tuple[World, Data, jax.Array]:
+        """All physics steps of an env step; the arena's limits follow every one, since boxes turn."""
+        limits, overlay = self._limits, self.overlay
+        if limits is None or self.n_frames == 1:
+            return world, *self.engine.advance(world, data, self.n_frames)
 
-        def draw(attempt: jax.Array) -> Layout:
-            layout = self._empty_layout(attempt)
-            for name, module in self._modules.items():
-                module_key = jax.random.fold_in(key, np.uint32(crc32(name.encode())))
-                layout = module.layout_step(module_key, layout, params)
-            return layout
+        def frame(carry: tuple[World, Data], _: None) -> tuple[tuple[World, Data], jax.Array]:
+            world, data = carry
+            data, overflow = self.engine.advance(world, data, 1)
+            return (limits.write(world, data, overlay), data), overflow
 
-        def again(carry: tuple[jax.Array, Layout]) -> jax.Array:
-            attempt, layout = carry
-            return (attempt == 0) | (~layout.valid & (attempt < LAYOUT_TRIES))
-
-        first = jnp.zeros((), jnp.int32)
-        nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(draw, first))
-        _, layout = jax.lax.while_loop(again, lambda c: (c[0] + 1, draw(c[0])), (first, nothing))
-        return layout.replace(valid=layout.valid & in_bounds)
-
-    def _empty_layout(self, attempt: jax.Array) -> Layout:
-        return Layout(
-            grid=Grid.create(self.grid_size, self.floor_size),
-            plan=RoomPlan.empty(),
-            qpos=jnp.asarray(self.model.qpos0, float),
-            fields=model_fields(self.model, self.overlay),
-            active={},
-            objects={},
-            valid=jnp.ones((), bool),
-            attempt=attempt,
-        )
+        (world, data), overflow = jax.lax.scan(frame, (world, data), length=self.n_frames)
+        return world, data, overflow.any()
 
     def _observe(self, world: World, data: Data) -> dict[str, jax.Array]:
         obs: dict[str, jax.Array] = {}
@@ -307,9 +313,9 @@ class Base(Environment):
         return obs
 
     def _fault(self, world: World, data: Data) -> jax.Array:
-        entities = [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max]
+        entities = self.movables
         # Of slides and free joints alike, the first three coordinates are the position itself.
         position = data.qpos[np.concatenate([m.qpos_ids[:, :3] for m in entities])]
         active = jnp.concatenate([world.active[m.kind] for m in entities])
         is_agent = np.concatenate([np.full(m.n_max, m is self.agents) for m in entities])
-        return find_fault(data, self.floor_size, position, active, is_agent)
+        return find_fault(data, world.plan, position, active, is_agent)

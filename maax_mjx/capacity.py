@@ -36,7 +36,7 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
     module, (width, height) = max(footprints, key=lambda f: f[1][0] * f[1][1])
     free = grid_size**2 - sum(m.wall_cells(grid_size) for m in modules)
     room = int(JAMMING * free / (width * height))
-    if max(width, height) > grid_size or len(footprints) > room:
+    if max(width, height) > grid_size or sum(w * h for _, (w, h) in footprints) > JAMMING * free:
         counts = ", ".join(f"{len(m.extents)} {m.name}" for m in modules if m.extents)
         raise ValueError(
             f"n_{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "

@@ -48,9 +48,9 @@ def check_range(name: str, value: Any, low: float = 0.0, high: float = np.inf, *
     pair = _pair(value)
     inside = all(_is_number(v) and low <= v <= high and abs(v) < np.inf and not (above and v == low) for v in pair)
     if not inside or not pair[0] <= pair[1]:
-        least = f"above {low:g}" if above else f"of at least {low:g}"
-        takes = least if high == np.inf else f"{least}, up to {high:g}" if above else f"in [{low:g}, {high:g}]"
-        raise ValueError(f"{name}: got {value!r}; takes a number {takes}, or (low, high) with low <= high")
+        least = "a positive number" if above and low == 0 else f"a number of at least {low:g}"
+        takes = least if high == np.inf else f"a number in [{low:g}, {high:g}]"
+        raise ValueError(f"{name}: got {value!r}; takes {takes}, or (low, high) with low <= high")
     return float(pair[0]), float(pair[1])
 
 
@@ -68,13 +68,6 @@ def _pair(value: Any) -> tuple[Any, Any]:
 
 def _is_number(value: Any, *kinds: type) -> bool:
     return isinstance(value, kinds or (int, float, np.number)) and not isinstance(value, bool)
-
-
-def check_friction(name: str, value: Any) -> float | None:
-    """A sliding friction that is not negative, or None for MuJoCo's default."""
-    if value is not None and (not isinstance(value, int | float | np.number) or not 0 <= value < float("inf")):
-        raise ValueError(f"{name}: got {value!r}; takes a number of at least 0, or None")
-    return None if value is None else float(value)
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from maax_mjx.env import Environment
 from maax_mjx.export import world_of
 from maax_mjx.layout import PlacementFn
 from maax_mjx.parallel import Worlds, WorldsState
+from maax_mjx.physics import World
 from maax_mjx.viewer import contact_sheet, gif
 
 SHEET = 12
@@ -28,6 +30,9 @@ FRAME_EVERY = 8
 """Env steps per frame of the gif: 40 ms, for which it is shown."""
 MAX_FRAMES = 250
 """Of the gif, which shows the first ten seconds of a longer rollout."""
+
+
+Outer = Literal["walls", "limits", "none"]
 
 
 @dataclass
@@ -47,14 +52,16 @@ class Rollout:
     """Physics engine: auto, c, jax or warp."""
     scenario: tuple[str, ...] = ("quad",)
     """Room scenario: empty, half, quad, var_quad, tri or random; of several, every world draws one."""
-    n_hiders: int = 2
-    """Agents that start inside the quadrant."""
-    n_seekers: int = 2
-    """Agents that start outside it."""
+    n_hiders: tuple[int, ...] = (2,)
+    """Agents that start inside the quadrant: one number, or LOW HIGH for a range."""
+    n_seekers: tuple[int, ...] = (2,)
+    """Agents that start outside it: one number, or LOW HIGH for a range."""
     n_boxes: tuple[int, ...] = (1,)
     """Boxes per world: one number, or LOW HIGH for a range."""
     n_ramps: tuple[int, ...] = (1,)
     """Ramps per world: one number, or LOW HIGH for a range."""
+    outer: Outer = "walls"
+    """What closes the arena: walls, joint limits, or nothing."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
     """Folder for the pictures and the MJCF."""
 
@@ -68,8 +75,9 @@ def rollout(args: Rollout) -> None:
     env = maax.make(
         "standard",
         scenario=args.scenario,
-        n_hiders=args.n_hiders,
-        n_seekers=args.n_seekers,
+        n_hiders=_count("n_hiders", args.n_hiders),
+        n_seekers=_count("n_seekers", args.n_seekers),
+        outer=args.outer,
         n_boxes=_count("n_boxes", args.n_boxes),
         n_ramps=_count("n_ramps", args.n_ramps),
         impl=args.impl,
@@ -115,15 +123,20 @@ class Sheet:
 
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; of several, every world draws one."""
-    placement: str = "uniform"
-    """Where the agents go: uniform, centre, quad, outside_quad, middle:FRACTION, separation:RADIUS,
+    placement: tuple[str, ...] = ("uniform",)
+    """Where the agents go, each placement in worlds of its own: uniform, centre, quad, outside_quad,
+    middle:FRACTION, separation:RADIUS,
     proximity:RADIUS:OBJECT (such as proximity:1:box0), room:INDEX."""
     n: int = 12
-    """How many worlds."""
+    """How many worlds for each placement."""
+    outer: Outer = "walls"
+    """What closes the arena: walls, joint limits, or nothing."""
     n_agents: int = 4
     """Agents per world."""
     n_boxes: tuple[int, ...] = (1,)
     """Boxes per world: one number, or LOW HIGH for a range."""
+    n_elongated_boxes: tuple[int, ...] = (0,)
+    """Elongated ones among the boxes: one number, or LOW HIGH for a range."""
     n_ramps: tuple[int, ...] = (1,)
     """Ramps per world: one number, or LOW HIGH for a range."""
     seed: int = 0
@@ -136,17 +149,27 @@ def sheet(args: Sheet) -> None:
     """Runs `maax-mjx worlds`."""
     if args.n < 1:
         raise ValueError(f"n: got {args.n}; takes at least 1")
-    env = maax.Base(args.n_agents)
-    env.add_module(maax.WallScenarios(args.scenario))
-    env.add_module(maax.Boxes(_count("n_boxes", args.n_boxes)))
-    env.add_module(maax.Agents(args.n_agents, parse_placement(args.placement)))
-    env.add_module(maax.Ramps(_count("n_ramps", args.n_ramps)))
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
-    worlds = [world_of(states, i) for i in range(args.n)]
-    titles = [args.scenario[int(w.world.plan.scenario)] + ("" if w.world.valid else " (invalid)") for w in worlds]
+    drawn = []
+    for placement in args.placement:
+        env = maax.Base(args.n_agents)
+        env.add_module(maax.WallScenarios(args.scenario, outer=args.outer))
+        boxes, elongated = _count("n_boxes", args.n_boxes), _count("n_elongated_boxes", args.n_elongated_boxes)
+        env.add_module(maax.Boxes(boxes, n_elongated_boxes=elongated))
+        env.add_module(maax.Agents(args.n_agents, parse_placement(placement)))
+        env.add_module(maax.Ramps(_count("n_ramps", args.n_ramps)))
+        states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
+        drawn += [(env, world_of(states, i), placement) for i in range(args.n)]
+    titles = [_title(args, state.world, placement) for _, state, placement in drawn]
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    contact_sheet(env, worlds, args.out, titles)
-    print(f"wrote {args.out}: {args.n} worlds, {int((~states.world.valid).sum())} invalid")
+    contact_sheet([env for env, *_ in drawn], [state for _, state, _ in drawn], args.out, titles)
+    invalid = sum(not state.world.valid for _, state, _ in drawn)
+    print(f"wrote {args.out}: {len(drawn)} worlds, {invalid} invalid")
+
+
+def _title(args: Sheet, world: World, placement: str) -> str:
+    parts = [args.scenario[int(world.plan.scenario)]] if len(args.scenario) > 1 else []
+    parts += [placement] if len(args.placement) > 1 else []
+    return ", ".join(parts or [placement]) + ("" if world.valid else " (invalid)")
 
 
 def parse_placement(text: str) -> PlacementFn:

@@ -66,6 +66,9 @@ def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
     root = ET.fromstring(env.base.spec.to_xml())
     _write_bodies(root, model)
     _write_geoms(root, model)
+    for element in _child(root, "actuator"):
+        element.set("gear", _numbers(model.actuator(element.get("name")).gear))
+    _write_sites(root, env, one)
     option = _child(root, "option")
     option.set("timestep", _numbers([model.opt.timestep]))
     option.set("gravity", _numbers(model.opt.gravity))
@@ -89,19 +92,40 @@ def _write_bodies(root: ET.Element, model: mujoco.MjModel) -> None:
         if model.ngravcomp:
             element.set("gravcomp", _numbers(model.body_gravcomp[body.id : body.id + 1]))
     for element in root.iter("joint"):
-        if element.get("type") == "slide" and element.get("name"):
-            joint = model.joint(element.get("name"))
+        joint = model.joint(element.get("name"))
+        # Of a joint of one degree of freedom alone: others have no range, and share what they have.
+        if len(joint.damping) == 1:
+            element.set("damping", _numbers(joint.damping))
+        if element.get("type") == "slide":
             element.set("ref", _numbers(joint.qpos0))
+        if model.jnt_limited[joint.id]:
+            element.set("range", _numbers(joint.range))
 
 
 def _write_geoms(root: ET.Element, model: mujoco.MjModel) -> None:
     for element in root.iter("geom"):
         geom = model.geom(element.get("name"))
         element.set("friction", _numbers(geom.friction))
+        if float(element.get("mass", 0)) > 0:
+            element.set("mass", _numbers(model.body_mass[geom.bodyid]))
         # A compiled mesh has a frame of its own, which the file does not.
         if element.get("mesh") is None:
             element.set("pos", _numbers(geom.pos))
             element.set("size", _numbers(geom.size))
+
+
+def _write_sites(root: ET.Element, env: Environment, state: State) -> None:
+    places = {
+        f"{kind}{i}": (pos, extent)
+        for kind, positions in state.world.sites.items()
+        for i, (pos, extent) in enumerate(zip(positions, env.base.sites[kind].extents_of(state.world), strict=True))
+        if state.world.active[kind][i]
+    }
+    for element in root.iter("site"):
+        if element.get("name") in places:
+            pos, extent = places[str(element.get("name"))]
+            element.set("pos", _numbers(pos))
+            element.set("size", _numbers(np.asarray(extent) / 2))
 
 
 def _child(root: ET.Element, tag: str) -> ET.Element:

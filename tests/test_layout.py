@@ -303,7 +303,7 @@ def test_parked_entities_stay_where_they_are(env_ranges, batch_reset):
 def crowded():
     """A floor of 10 x 10 cells between walls, for 2 agents of 2 x 2 cells and up to 6 boxes of 4 x 4."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("maax_mjx.base.check_room", lambda *_: None)
+        patch.setattr("maax_mjx.composition.check_room", lambda *_: None)
         env = maax.Base(2, grid_size=12, floor_size=1.8, impl="c")
         for module in (maax.WallScenarios("empty"), maax.Agents(2), maax.Boxes((0, 6)), maax.Ramps(0)):
             env.add_module(module)
@@ -338,7 +338,7 @@ def test_a_layout_that_did_not_fit_is_drawn_again(crowded, batch_reset, monkeypa
     state = batch_reset(crowded, keys, params)
     valid = np.asarray(state.world.valid)
     equal(valid, np.asarray(state.world.active["box"]).sum(axis=1) == 3)
-    monkeypatch.setattr("maax_mjx.base.LAYOUT_TRIES", 1)
+    monkeypatch.setattr("maax_mjx.generation.LAYOUT_TRIES", 1)
     once = jax.jit(jax.vmap(crowded.reset, in_axes=(0, None)))(keys, params)
     fit = np.asarray(once.world.valid)
     assert 0.2 < fit.mean() < 0.8

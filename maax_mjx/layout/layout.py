@@ -26,6 +26,8 @@ class Layout(struct.PyTreeNode):
         fields: model fields in which worlds differ, by MuJoCo's name.
         active: by entity kind, (n_max,) bool.
         objects: by name ("box0"), (3,) the centre of everything placed so far, in metres, and 1, or 0 if it is absent.
+        extents: by kind, (n_max, 3) metres, of kinds whose sizes are drawn.
+        sites: by kind, (n_max, 3) the centres of marks on the floor, in metres.
         valid: () bool, whether every wanted object found a place.
         attempt: () int32, which redraw this is. Places depend on it, counts do not.
     """
@@ -36,6 +38,8 @@ class Layout(struct.PyTreeNode):
     fields: dict[str, jax.Array]
     active: dict[str, jax.Array]
     objects: dict[str, jax.Array]
+    extents: dict[str, jax.Array]
+    sites: dict[str, jax.Array]
     valid: jax.Array
     attempt: jax.Array
 

@@ -20,6 +20,8 @@ class RoomPlan(struct.PyTreeNode):
         rooms: (n_rooms, 4) int32, likewise the cells inside every rectangular room.
         room_mask: (n_rooms,) bool.
         scenario: () int32, which of the environment's scenarios this is.
+        closed: () bool, whether outer walls or limits keep everything on the floor.
+        floor_size: () edge of the floor in metres.
     """
 
     walls: jax.Array
@@ -31,10 +33,12 @@ class RoomPlan(struct.PyTreeNode):
     rooms: jax.Array
     room_mask: jax.Array
     scenario: jax.Array
+    closed: jax.Array
+    floor_size: jax.Array
 
     @classmethod
-    def empty(cls) -> RoomPlan:
-        """The plan of an open floor."""
+    def empty(cls, floor_size: jax.Array | float) -> RoomPlan:
+        """The plan of an open floor of `floor_size` () metres."""
         return cls(
             walls=jnp.zeros((0, 4)),
             wall_heights=jnp.zeros(0),
@@ -45,4 +49,6 @@ class RoomPlan(struct.PyTreeNode):
             rooms=jnp.zeros((0, 4), jnp.int32),
             room_mask=jnp.zeros(0, bool),
             scenario=jnp.zeros((), jnp.int32),
+            closed=jnp.zeros((), bool),
+            floor_size=jnp.asarray(floor_size, float),
         )

@@ -12,6 +12,9 @@ from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Data, Overlay, World
 from maax_mjx.worldgen import Floor
 
+BELOW = -10.0
+"""Height of what is absent and cannot be moved, in metres: deep below the floor."""
+
 
 class Module:
     """A part of a world. Subclass it for your own; every hook has a default that adds nothing.
@@ -19,11 +22,13 @@ class Module:
     Attributes:
         name: unique within an environment; it seeds the module's draws, so that modules stay independent.
         provides_quadrant: whether the module's room plan has a quadrant.
+        limits_arena: whether the joints of what can move are to end at the edge of the floor.
     """
 
     name: ClassVar[str]
     provides_quadrant: bool = False
     requires_quadrant: bool = False
+    limits_arena: bool = False
 
     @property
     def parameters(self) -> list[Parameter]:
@@ -49,8 +54,8 @@ class Module:
         """How many cells its walls take, at the most."""
         return 0
 
-    def check(self, grid_size: int, floor_size: float) -> None:
-        """Refuses arguments that do not fit the floor.
+    def check(self, grid_size: int) -> None:
+        """Refuses arguments that do not fit the grid.
 
         Raises:
             ValueError: naming the argument.
@@ -58,6 +63,9 @@ class Module:
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
         """Host: appends the largest number of everything to the floor."""
+
+    def spec_step(self, spec: mujoco.MjSpec) -> None:
+        """Host: changes the spec that the tree became, before it is compiled."""
 
     def cache_step(self, model: mujoco.MjModel) -> None:
         """Host: resolves names to ids, once."""

@@ -4,52 +4,143 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from maax_mjx.checks import check_friction, check_positive
+import jax
+import jax.numpy as jnp
+import numpy as np
+
 from maax_mjx.layout import PlacementFn, uniform_placement
+from maax_mjx.modules.elongated import Elongated
 from maax_mjx.modules.entities import Entities
+from maax_mjx.modules.placed import Places
+from maax_mjx.modules.ranged import Ranged
+from maax_mjx.params import DomainParams, Parameter
+from maax_mjx.physics import Data, Fields, Overlay, World
+from maax_mjx.physics.overlay import MASS_FIELDS, SIZE_FIELDS, box_inertia, set_boxes, set_masses
 from maax_mjx.worldgen import Geom, Obj, Wedge
 
 RAMP_SIZE = 0.5
-MASS = 1.0
+RAMP_MASS = 1.0
 
 
 class Boxes(Entities):
-    """Cubes that agents can push.
+    """Cubes, and elongated boxes (3.3 times as long, 0.3 times as wide, along x or y), that agents can push.
+
+    Of the boxes of a world the first are elongated, and of these the first lie along x. How many is drawn by OpenAI's
+    rule: the boxes from `n_boxes`, of these the elongated from `n_elongated_boxes` as far as there are boxes, of those
+    any number along x.
 
     Args:
         n_boxes: how many per world, or (low, high); drawn uniformly.
+        n_elongated_boxes: how many of them are elongated, or (low, high).
         placement_fn: one function for all, or a list with one per slot.
-        box_size: edge length in metres.
-        box_friction: sliding friction; None keeps MuJoCo's default of 1.
+        box_size: edge length in metres, or a range.
+        box_mass: kg, or a range; it does not follow the size. Inertia follows both.
+        box_friction: sliding friction, or a range; None keeps MuJoCo's default of 1. Of two things in contact, MuJoCo
+            takes the larger friction.
         free: a free joint instead of slides x, y, z and a yaw hinge.
+        box_only_z_rot: False is OpenAI's way to ask for boxes that turn any way: the same as `free=True`.
         random_yaw: whether each starts turned by a uniformly random angle.
+        per_object: whether every box draws its own size, mass and friction, or all of a world share theirs.
+        boxid_obs: whether `box_obs` has a column with the box's index.
+        boxsize_obs: whether it has three with the box's extents; None is where worlds differ in them.
+        polar_obs: whether `box_obs` has cos and sin of the yaw, or the yaw itself; free boxes have neither.
 
     Raises:
-        ValueError: a negative or reversed count, or a size that is not positive.
+        ValueError: a negative or reversed count, or a size or mass that is not positive.
     """
 
     name = "boxes"
     kind = "box"
     count_name = "n_boxes"
+    friction_name = "box_friction"
 
     def __init__(
         self,
         n_boxes: int | tuple[int, int] = 1,
         placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
-        box_size: float = 0.5,
-        box_friction: float | None = None,
+        box_size: float | tuple[float, float] = 0.5,
+        box_friction: float | tuple[float, float] | None = None,
         free: bool = False,
         random_yaw: bool = False,
+        *,
+        n_elongated_boxes: int | tuple[int, int] = 0,
+        box_mass: float | tuple[float, float] = 1.0,
+        box_only_z_rot: bool = True,
+        per_object: bool = True,
+        boxid_obs: bool = False,
+        boxsize_obs: bool | None = None,
+        polar_obs: bool = True,
     ):
+        self.size = Ranged("box_size", box_size, above=True)
+        self.mass = Ranged("box_mass", box_mass, above=True)
+        free = free or not box_only_z_rot
         super().__init__(
-            n_boxes, [check_positive("box_size", box_size)] * 3, placement_fn, free=free, random_yaw=random_yaw
+            n_boxes,
+            [self.size.high] * 3,
+            placement_fn,
+            friction=box_friction,
+            free=free,
+            random_yaw=random_yaw,
+            per_object=per_object,
         )
-        self.friction = check_friction("box_friction", box_friction)
+        self.elongated = Elongated("n_elongated_boxes", n_elongated_boxes, self.n_max)
+        self.boxid_obs, self.polar_obs = boxid_obs, polar_obs or free
+        self.boxsize_obs = self.sizes_vary if boxsize_obs is None else boxsize_obs
+
+    @property
+    def sizes_vary(self) -> bool:
+        return bool(self.n_max) and (self.size.varies or self.elongated.possible)
+
+    @property
+    def ranges(self) -> list[Ranged]:
+        return [*super().ranges, self.size, self.mass]
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        return super().parameters + self.elongated.parameters
+
+    @property
+    def overlay(self) -> Overlay:
+        overlay = super().overlay
+        if self.sizes_vary:
+            overlay |= dict.fromkeys(SIZE_FIELDS, self.geom_ids)
+        if self.sizes_vary or self.mass.varies:
+            overlay |= dict.fromkeys(MASS_FIELDS, self.body_ids) | {"dof_invweight0": self.qvel_ids.reshape(-1)}
+        return overlay
+
+    @property
+    def largest(self) -> np.ndarray:
+        return self.elongated.largest(self.extent)
 
     def make(self, name: str) -> Obj:
         size = [float(e) for e in self.extent]
         rgba = (0.85, 0.63, 0.4, 1.0)
-        return Geom("box", size, name=name, mass=MASS, friction=self.friction, free=self.free, rgba=rgba)
+        return Geom(
+            "box", size, name=name, mass=self.mass.high, friction=self.model_friction, free=self.free, rgba=rgba
+        )
+
+    def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
+        return self.draw(self.size, key, params)[:, None] * self.elongated.draw(key, params, wanted)
+
+    def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
+        fields = super().draw_fields(key, fields, params, places)
+        if self.sizes_vary:
+            fields = set_boxes(fields, self.geom_ids, places.extents / 2)
+        if self.sizes_vary or self.mass.varies:
+            mass = self.draw(self.mass, key, params)
+            inertia = box_inertia(mass, places.extents)
+            fields = set_masses(fields, self.body_ids, self.qvel_ids, mass, inertia)
+        return fields
+
+    def observed(self, world: World, data: Data) -> list[jax.Array]:
+        """As of `Entities`; the yaw itself without `polar_obs`, then the index and the extents if asked for."""
+        position, turn, velocity = super().observed(world, data)
+        if not self.polar_obs:
+            turn = data.qpos[self.qpos_ids[:, 3:]]
+        columns = [position, turn, velocity]
+        if self.boxid_obs:
+            columns.append(jnp.arange(self.n_max, dtype=velocity.dtype)[:, None])
+        return [*columns, self.extents_of(world)] if self.boxsize_obs else columns
 
 
 class Ramps(Entities):
@@ -58,9 +149,10 @@ class Ramps(Entities):
     Args:
         n_ramps: how many per world, or (low, high); drawn uniformly.
         placement_fn: one function for all, or a list with one per slot.
-        ramp_friction: sliding friction; None keeps MuJoCo's default of 1.
+        ramp_friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
         free: a free joint instead of slides x, y, z and a yaw hinge.
         random_yaw: whether each starts turned by a uniformly random angle.
+        per_object: whether every ramp draws its own friction, or all of a world share it.
 
     Raises:
         ValueError: a negative or reversed count.
@@ -69,17 +161,26 @@ class Ramps(Entities):
     name = "ramps"
     kind = "ramp"
     count_name = "n_ramps"
+    friction_name = "ramp_friction"
 
     def __init__(
         self,
         n_ramps: int | tuple[int, int] = 1,
         placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
-        ramp_friction: float | None = None,
+        ramp_friction: float | tuple[float, float] | None = None,
         free: bool = False,
         random_yaw: bool = False,
+        per_object: bool = True,
     ):
-        super().__init__(n_ramps, [RAMP_SIZE] * 3, placement_fn, free=free, random_yaw=random_yaw)
-        self.friction = check_friction("ramp_friction", ramp_friction)
+        super().__init__(
+            n_ramps,
+            [RAMP_SIZE] * 3,
+            placement_fn,
+            friction=ramp_friction,
+            free=free,
+            random_yaw=random_yaw,
+            per_object=per_object,
+        )
 
     def make(self, name: str) -> Obj:
-        return Wedge(RAMP_SIZE, name, mass=MASS, friction=self.friction, free=self.free)
+        return Wedge(RAMP_SIZE, name, mass=RAMP_MASS, friction=self.model_friction, free=self.free)

@@ -9,19 +9,20 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction, check_friction
-from maax_mjx.layout import Layout, RoomPlan
+from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction
+from maax_mjx.layout import Layout
 from maax_mjx.layout import walls as wall_layout
 from maax_mjx.layout.scenarios import RANDOM, SCENARIOS, Rooms, random_rooms, with_doors
-from maax_mjx.modules.module import Module
+from maax_mjx.modules.module import BELOW, Module
+from maax_mjx.modules.ranged import Ranged
 from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import BOX_FIELDS, Data, Overlay, World, set_boxes
+from maax_mjx.physics import Data, Overlay, World
+from maax_mjx.physics.overlay import BOX_FIELDS, set_boxes
 from maax_mjx.worldgen import Floor, Geom
 
 OUTER_HEIGHT = 4.0
 INNER_HEIGHT = 0.5
-BELOW = -10.0
-N_OUTER = 4
+OUTER = ("walls", "limits", "none")
 QUADRANTS = ("quad", "var_quad")
 
 
@@ -42,7 +43,9 @@ class WallScenarios(Module):
         min_room_size: of "random", in cells: rooms are longer than this on every side that a new wall makes.
         prob_outside_walls: how likely it is that a world has outer walls, or (low, high).
         low_outside_walls: outer walls of 0.5 m, as high as inner ones, instead of 4 m.
-        friction: of the walls; None keeps MuJoCo's default of 1.
+        friction: sliding friction of the walls, or a range drawn per world; None keeps MuJoCo's default of 1.
+        outer: what closes the arena: "walls"; "limits", the joint ranges of what can move, which cost no contacts; or
+            "none", an open floor.
 
     Raises:
         ValueError: an unknown scenario, a negative size, or a share outside [0, 1]; with `Base`, a door wider than its
@@ -61,7 +64,8 @@ class WallScenarios(Module):
         min_room_size: int = 6,
         prob_outside_walls: float | tuple[float, float] = 1.0,
         low_outside_walls: bool = False,
-        friction: float | None = None,
+        friction: float | tuple[float, float] | None = None,
+        outer: str = "walls",
     ):
         names = [scenario] if isinstance(scenario, str) else list(scenario)
         if not names:
@@ -73,7 +77,11 @@ class WallScenarios(Module):
         self.n_rooms = check_count_range("n_rooms", n_rooms, minimum=1)
         self.min_room_size = check_count("min_room_size", min_room_size, minimum=1)
         self.prob_outside_walls = check_fraction("prob_outside_walls", prob_outside_walls)
-        self.friction = check_friction("friction", friction)
+        self.friction = None if friction is None else Ranged("wall_friction", friction)
+        self.outer = check_choice("outer", outer, OUTER)
+        self.limits_arena = outer == "limits"
+        if outer != "walls" and (low_outside_walls or self.prob_outside_walls != (1.0, 1.0)):
+            raise ValueError(f"low_outside_walls, prob_outside_walls: there are no outer walls with outer={outer!r}")
         self.provides_quadrant = any(name in QUADRANTS for name in self.scenarios)
         sizes = [
             (self.n_rooms[1] - 1, self.n_rooms[1])
@@ -82,13 +90,16 @@ class WallScenarios(Module):
             for name in self.scenarios
         ]
         self.n_inner, self._max_rooms = max(s[0] for s in sizes), max(s[1] for s in sizes)
-        self.n_walls = N_OUTER + 2 * self.n_inner
-        outer = INNER_HEIGHT if low_outside_walls else OUTER_HEIGHT
-        self._heights = np.array([outer] * N_OUTER + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
+        self.n_outer = 4 if outer == "walls" else 0
+        self.n_walls = self.n_outer + 2 * self.n_inner
+        height = INNER_HEIGHT if low_outside_walls else OUTER_HEIGHT
+        self._heights = np.array([height] * self.n_outer + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
 
     @property
     def parameters(self) -> list[Parameter]:
-        parameters = [Parameter("prob_outside_walls", self.prob_outside_walls, (0.0, 1.0))]
+        parameters = [] if self.friction is None else self.friction.parameters
+        if self.n_outer:
+            parameters.append(Parameter("prob_outside_walls", self.prob_outside_walls, (0.0, 1.0)))
         if self.provides_quadrant and self.door_size:
             parameters.append(Parameter("p_door_dropout", self.p_door_dropout, (0.0, 1.0)))
         if RANDOM in self.scenarios:
@@ -97,9 +108,10 @@ class WallScenarios(Module):
 
     @property
     def overlay(self) -> Overlay:
-        return dict.fromkeys(BOX_FIELDS, self._geom_ids)
+        varies = self.friction is not None and self.friction.varies
+        return dict.fromkeys(BOX_FIELDS + ("geom_friction",) * varies, self._geom_ids)
 
-    def check(self, grid_size: int, floor_size: float) -> None:
+    def check(self, grid_size: int) -> None:
         g = grid_size
         lengths = {"half": g - 1, "quad": g // 2 - 1, "var_quad": int(0.3 * g) - 1, "tri": g - 1 - int(0.6 * g)}
         lengths[RANDOM] = self.min_room_size + 1
@@ -114,13 +126,14 @@ class WallScenarios(Module):
 
     def wall_cells(self, grid_size: int) -> int:
         longest = grid_size if {"half", "tri", RANDOM} & set(self.scenarios) else grid_size // 2
-        return 4 * grid_size - 4 + self.n_inner * longest
+        return (4 * grid_size - 4 if self.n_outer else 0) + self.n_inner * longest
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
         thick = floor.edge / grid_size / 2
         for i, height in enumerate(self._heights):
             size = (floor.edge / 2, thick, float(height))
-            wall = Geom("box", size, name=f"wall{i}", friction=self.friction, rgba=(0.6, 0.6, 0.62, 1.0))
+            friction = self.friction.high if self.friction else None
+            wall = Geom("box", size, name=f"wall{i}", friction=friction, rgba=(0.6, 0.6, 0.62, 1.0))
             floor.append(wall.mark_static(), "parking")
 
     def cache_step(self, model: mujoco.MjModel) -> None:
@@ -133,15 +146,17 @@ class WallScenarios(Module):
         place_key = jax.random.fold_in(place_key, layout.attempt)
         which = jax.random.choice(which_key, len(self.scenarios), p=jnp.asarray(self.probabilities)).astype(jnp.int32)
         rooms = self._draw_rooms(which, count_key, place_key, g, params)
-        share = params.draw(probability_key, "prob_outside_walls")
-        outer = wall_layout.outer_walls(g, jax.random.uniform(outer_key) < share)
+        closed = jnp.asarray(self.limits_arena)
+        if self.n_outer:
+            closed = jax.random.uniform(outer_key) < params.draw(probability_key, "prob_outside_walls")
+        outer = wall_layout.outer_walls(g, closed & (self.n_outer > 0))
         outer_rects, outer_there = wall_layout.segments(outer, cell)
         inner_rects, inner_there = wall_layout.segments(rooms.walls, cell)
-        rects = jnp.concatenate([outer_rects[:, 0], inner_rects.reshape(-1, 4)])
-        mask = jnp.concatenate([outer_there[:, 0], inner_there.reshape(-1)])
+        rects = jnp.concatenate([outer_rects[: self.n_outer, 0], inner_rects.reshape(-1, 4)])
+        mask = jnp.concatenate([outer_there[: self.n_outer, 0], inner_there.reshape(-1)])
         cells = jnp.concatenate([rooms.rooms[:, :2] + 1, rooms.rooms[:, 2:]], axis=1)
         cells = jnp.where(rooms.room_mask[:, None], cells, 0)
-        plan = RoomPlan(
+        plan = layout.plan.replace(
             walls=jnp.where(mask[:, None], rects, 0.0),
             wall_heights=jnp.where(mask, self._heights, 0.0),
             wall_mask=mask,
@@ -151,12 +166,20 @@ class WallScenarios(Module):
             rooms=cells,
             room_mask=rooms.room_mask,
             scenario=which,
+            closed=closed,
         )
         pos, half = _box_geometry(rects, jnp.asarray(self._heights), mask)
+        fields = layout.fields
+        if self.n_walls:
+            fields = set_boxes(fields, self._geom_ids, half)
+            fields["geom_pos"] = fields["geom_pos"].at[self._geom_ids].set(pos)
+        if self.n_walls and self.friction is not None and self.friction.varies:
+            sliding = self.friction.draw(key, params, self.n_walls, shared=True)
+            fields["geom_friction"] = fields["geom_friction"].at[self._geom_ids, 0].set(sliding)
         return layout.replace(
             grid=wall_layout.mark(wall_layout.mark(layout.grid, outer), rooms.walls),
             plan=plan,
-            fields=set_boxes(layout.fields, self._geom_ids, pos, half),
+            fields=fields,
             valid=layout.valid & rooms.valid,
         )
 
@@ -202,7 +225,7 @@ class RandomWalls(WallScenarios):
     Args:
         n_rooms: how many, or (low, high), drawn uniformly.
         min_room_size: in cells; new walls keep further than this from the corners of the room that they split.
-        door_size, prob_outside_walls, low_outside_walls, friction: see `WallScenarios`.
+        door_size, prob_outside_walls, low_outside_walls, friction, outer: see `WallScenarios`.
 
     Raises:
         ValueError: see `WallScenarios`.
@@ -215,7 +238,8 @@ class RandomWalls(WallScenarios):
         door_size: int = 2,
         prob_outside_walls: float | tuple[float, float] = 1.0,
         low_outside_walls: bool = False,
-        friction: float | None = None,
+        friction: float | tuple[float, float] | None = None,
+        outer: str = "walls",
     ):
         super().__init__(
             RANDOM,
@@ -225,6 +249,7 @@ class RandomWalls(WallScenarios):
             prob_outside_walls=prob_outside_walls,
             low_outside_walls=low_outside_walls,
             friction=friction,
+            outer=outer,
         )
 
 

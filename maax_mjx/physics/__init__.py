@@ -5,13 +5,13 @@ from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.faults import contain, find_fault
 from maax_mjx.physics.gradients import NotDifferentiableError
 from maax_mjx.physics.select import IMPLS, MissingLibraryError, check_impl, make_engine
-from maax_mjx.physics.world import BOX_FIELDS, Overlay, World, model_fields, overlaid_model, set_boxes, union
+from maax_mjx.physics.world import Fields, Overlay, World, model_fields, overlaid_model, union
 
 __all__ = [
-    "BOX_FIELDS",
     "IMPLS",
     "Data",
     "Engine",
+    "Fields",
     "MissingLibraryError",
     "NotDifferentiableError",
     "Overlay",
@@ -22,6 +22,5 @@ __all__ = [
     "make_engine",
     "model_fields",
     "overlaid_model",
-    "set_boxes",
     "union",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -31,9 +32,15 @@ class Engine(ABC):
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         self.overlay = overlay
-        self.mjx = MjxModel(model, overlay)
+        self.mjx = MjxModel(self._mjx_source(model), overlay)
         # Compiled even where an env step is called eagerly: MJX alone has thousands of operations.
         self._compiled = jax.jit(self._differentiable_step, static_argnums=2)
+
+    def _mjx_source(self, model: mujoco.MjModel) -> mujoco.MjModel:
+        """The model for MJX's own poses and rest states; without contacts, of which it does not know all kinds."""
+        model = copy.copy(model)
+        model.geom_contype[:] = model.geom_conaffinity[:] = 0
+        return model
 
     def init(self, world: World, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""

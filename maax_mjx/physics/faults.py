@@ -6,23 +6,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.layout import RoomPlan
 from maax_mjx.physics.data import Data
 
 MARGIN = 0.3
 AGENT_CEILING = 3.0
 
 
-def find_fault(
-    data: Data, floor_size: float, position: jax.Array, active: jax.Array, is_agent: np.ndarray
-) -> jax.Array:
+def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Array, is_agent: np.ndarray) -> jax.Array:
     """Whether a world's physics went wrong.
 
-    A fault is a number that is not finite, an entity whose centre is outside the arena by more than 0.3 m (to the
-    sides or below), or an agent above 3 m.
+    A fault is a number that is not finite, an entity whose centre is more than 0.3 m outside a closed arena or below
+    the floor, or an agent above 3 m.
 
     Args:
         data: the state after a step.
-        floor_size: edge of the arena in metres.
+        plan: the world's room plan: how large its floor is, and whether it is closed.
         position: (n, 3) of all entities, in metres.
         active: (n,) bool, which of them are in play.
         is_agent: (n,) bool, which of them are agents.
@@ -31,7 +30,8 @@ def find_fault(
         () bool.
     """
     finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
-    out = ((position[:, :2] < -MARGIN) | (position[:, :2] > floor_size + MARGIN)).any(axis=1)
+    out = ((position[:, :2] < -MARGIN) | (position[:, :2] > plan.floor_size + MARGIN)).any(axis=1)
+    out &= plan.closed
     out |= (position[:, 2] < -MARGIN) | (is_agent & (position[:, 2] > AGENT_CEILING))
     return ~finite | (out & active).any()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from mujoco import mjx
 
 from maax_mjx.physics.data import Data
@@ -15,6 +16,9 @@ from maax_mjx.physics.world import Fields, Overlay, World
 
 STARTS = ("qpos", "qvel", "ctrl", "xfrc_applied")
 """What a step is differentiable in."""
+
+NO_CYLINDERS = (int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH))
+"""Kinds of geoms that MJX has no contacts of with a cylinder."""
 
 NO_GRADIENT = (
     "gradients are taken with respect to actions and the state's qpos, qvel, ctrl and xfrc_applied; "
@@ -40,6 +44,16 @@ class JaxEngine(MjxEngine):
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
         self._frame_with_jacobian = with_jacobian(self._frame, NO_GRADIENT)
+
+    def _mjx_source(self, model: mujoco.MjModel) -> mujoco.MjModel:
+        moving = model.body_dofnum[model.geom_bodyid] > 0
+        cylinders, others = model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER, np.isin(model.geom_type, NO_CYLINDERS)
+        if ((cylinders & moving).any() and others.any()) or (cylinders.any() and (others & moving).any()):
+            raise ValueError(
+                "impl: got 'jax'; MJX has no contacts between a cylinder and a box, wall or ramp; "
+                "takes 'warp' or 'c' there"
+            )
+        return model
 
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         def frame(data: Data, _: None) -> tuple[Data, jax.Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any
 
 import jax
@@ -30,7 +31,7 @@ def overlaid(model: mjx.Model, overlay: Overlay, fields: Fields) -> mjx.Model:
     model = jax.tree.map(jnp.asarray, model)
     rows = {}
     for name, ids in overlay.items():
-        field = getattr(model, name)
+        field = attrgetter(name)(model)
         # Warp keeps the two halves of geom_aabb on an axis of their own.
         rows[name] = field.at[ids].set(fields[name].reshape(len(ids), *field.shape[1:]))
     return model.tree_replace(rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping
+from operator import attrgetter
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ from maax_mjx.layout import RoomPlan
 Fields = dict[str, jax.Array]
 
 Overlay = dict[str, np.ndarray]
-"""By model field, the (n,) indices of the rows in which worlds differ."""
+"""By model field ("geom_size", "opt.gravity"), the (n,) indices of the rows in which worlds differ."""
 
 
 class World(struct.PyTreeNode):
@@ -26,12 +27,16 @@ class World(struct.PyTreeNode):
         fields: by MuJoCo's name, the rows of model fields in which worlds differ: `geom_pos` (n_walls, 3), ... Which
             rows they are is the environment's `overlay`.
         active: by entity kind ("agent", "box", ...), (n_max,) bool: which of the entities are in play.
+        extents: by kind, (n_max, 3) metres along the objects' own axes, of kinds whose sizes worlds differ in.
+        sites: by kind ("food", ...), (n_max, 3) the centres of marks that nothing collides with, in metres.
         plan: the walls and doors.
         valid: () bool; False where the layout could not hold all that was drawn. What found no place is not in play.
     """
 
     fields: Fields
     active: dict[str, jax.Array]
+    extents: dict[str, jax.Array]
+    sites: dict[str, jax.Array]
     plan: RoomPlan
     valid: jax.Array
 
@@ -41,39 +46,19 @@ def union(overlays: Iterable[Mapping[str, np.ndarray]]) -> Overlay:
     rows: dict[str, list[np.ndarray]] = {}
     for overlay in overlays:
         for name, ids in overlay.items():
-            rows.setdefault(name, []).append(np.asarray(ids, int))
+            if len(ids):
+                rows.setdefault(name, []).append(np.asarray(ids, int))
     return {name: np.unique(np.concatenate(ids)) for name, ids in sorted(rows.items())}
 
 
 def model_fields(model: mujoco.MjModel, overlay: Overlay) -> Fields:
     """The compiled model's own values of the overlaid fields, whole."""
-    return {name: jnp.asarray(getattr(model, name), float) for name in overlay}
+    return {name: jnp.asarray(attrgetter(name)(model), float) for name in overlay}
 
 
 def overlaid_model(model: mujoco.MjModel, overlay: Overlay, world: World) -> mujoco.MjModel:
     """A copy of a compiled model with one world's rows in it. Host only."""
     model = copy.copy(model)
     for name, ids in overlay.items():
-        getattr(model, name)[ids] = np.asarray(world.fields[name])
+        attrgetter(name)(model)[ids] = np.asarray(world.fields[name])
     return model
-
-
-BOX_FIELDS = ("geom_pos", "geom_size", "geom_rbound", "geom_aabb")
-
-
-def set_boxes(fields: Mapping[str, jax.Array], ids: np.ndarray, pos: jax.Array, half: jax.Array) -> Fields:
-    """Moves and resizes box geoms, with the bounds that broad phases read.
-
-    Args:
-        fields: whole model fields, `BOX_FIELDS` among them.
-        ids: (n,) geom ids.
-        pos: (n, 3) centres in metres.
-        half: (n, 3) half extents in metres.
-    """
-    aabb = jnp.concatenate([jnp.zeros_like(half), half], axis=1)
-    return dict(fields) | {
-        "geom_pos": fields["geom_pos"].at[ids].set(pos),
-        "geom_size": fields["geom_size"].at[ids].set(half),
-        "geom_rbound": fields["geom_rbound"].at[ids].set(jnp.linalg.norm(half, axis=1)),
-        "geom_aabb": fields["geom_aabb"].at[ids].set(aabb),
-    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from maax_mjx.base import Base
-from maax_mjx.checks import check_count
+from maax_mjx.checks import check_count_range
 from maax_mjx.layout import PlacementFn, outside_quad_placement, quad_placement, uniform_placement
 from maax_mjx.modules import Agents, Boxes, Ramps, WallScenarios
 from maax_mjx.worldgen import WorldParams
@@ -15,8 +15,8 @@ HIDER, SEEKER = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 
 def standard(
     scenario: str | Sequence[str] = "quad",
-    n_hiders: int = 2,
-    n_seekers: int = 2,
+    n_hiders: int | tuple[int, int] = 2,
+    n_seekers: int | tuple[int, int] = 2,
     n_boxes: int | tuple[int, int] = 1,
     n_ramps: int | tuple[int, int] = 1,
     door_size: int = 2,
@@ -25,7 +25,8 @@ def standard(
     min_room_size: int = 6,
     n_frames: int = 1,
     grid_size: int = 30,
-    floor_size: float = 6.0,
+    floor_size: float | tuple[float, float] = 6.0,
+    outer: str = "walls",
     horizon: int = 1000,
     impl: str = "auto",
     world_params: WorldParams | None = None,
@@ -38,25 +39,33 @@ def standard(
 
     Args:
         scenario: the room scenario, or several of which every world draws one; see `WallScenarios`.
-        n_hiders, n_seekers: agents of each team.
+        n_hiders, n_seekers: agents of each team per world, or (low, high).
         n_boxes, n_ramps: per world, or (low, high).
         door_size: in cells.
+        outer: what closes the arena; see `WallScenarios`.
         p_door_dropout, n_rooms, min_room_size: see `WallScenarios`.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
-    n_hiders, n_seekers = check_count("n_hiders", n_hiders), check_count("n_seekers", n_seekers)
-    if n_hiders + n_seekers == 0:
-        raise ValueError("n_hiders, n_seekers: got 0 and 0; takes at least one agent in all")
-    n_agents = n_hiders + n_seekers
+    most_hiders = check_count_range("n_hiders", n_hiders)[1]
+    most_seekers = check_count_range("n_seekers", n_seekers)[1]
+    n_agents = most_hiders + most_seekers
+    if not n_agents:
+        raise ValueError(f"n_hiders, n_seekers: got {n_hiders} and {n_seekers}; takes at least one agent in all")
     env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world)
     inside: PlacementFn = uniform_placement
     outside: PlacementFn = uniform_placement
-    walls = WallScenarios(scenario, door_size, p_door_dropout, n_rooms=n_rooms, min_room_size=min_room_size)
+    walls = WallScenarios(
+        scenario, door_size, p_door_dropout, n_rooms=n_rooms, min_room_size=min_room_size, outer=outer
+    )
     if walls.provides_quadrant:
         inside, outside = quad_placement, outside_quad_placement
     env.add_module(walls)
     env.add_module(
-        Agents(n_agents, [inside] * n_hiders + [outside] * n_seekers, [HIDER] * n_hiders + [SEEKER] * n_seekers)
+        Agents(
+            {"hiders": n_hiders, "seekers": n_seekers},
+            [inside] * most_hiders + [outside] * most_seekers,
+            [HIDER] * most_hiders + [SEEKER] * most_seekers,
+        )
     )
     env.add_module(Boxes(n_boxes))
     env.add_module(Ramps(n_ramps))

@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from PIL import Image
 
-from maax_mjx.base import Base
 from maax_mjx.env import Environment
-from maax_mjx.modules import Entities
-from maax_mjx.physics import World
+from maax_mjx.modules import Entities, Placed, Sites
+from maax_mjx.physics import World, overlaid_model
 from maax_mjx.state import State
 
 EDGE = "#333333"
@@ -25,7 +24,8 @@ GIF_FPS = 25
 
 
 def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None:
-    """Draws one world: walls (high ones dark), doors (dashed), agents with their heading, boxes, ramps (arrow uphill).
+    """Draws one world: walls (high ones dark), doors (dashed), agents with their heading, boxes, ramps (arrow uphill),
+    cylinders, sites.
 
     Args:
         ax: where to draw; cleared first.
@@ -36,25 +36,32 @@ def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None
     base = env.base
     ax.clear()
     ax.set_aspect("equal")
-    ax.set_xlim(0, base.floor_size)
-    ax.set_ylim(0, base.floor_size)
+    edge = float(state.world.plan.floor_size)
+    ax.set_xlim(0, edge)
+    ax.set_ylim(0, edge)
     ax.set_xticks([])
     ax.set_yticks([])
-    ax.add_patch(Rectangle((0, 0), base.floor_size, base.floor_size, color="#f4f3ee", zorder=0))
+    ax.add_patch(Rectangle((0, 0), edge, edge, color="#f4f3ee", zorder=0))
     _draw_walls(ax, state.world)
+    model = overlaid_model(base.model, base.overlay, state.world)
     for module in base.modules.values():
-        if isinstance(module, Entities):
+        if isinstance(module, Placed):
             for slot in np.flatnonzero(np.asarray(state.world.active[module.kind])):
-                _draw_entity(ax, base, state, module, int(slot))
+                if isinstance(module, Entities):
+                    _draw_entity(ax, model, state, module, int(slot))
+                elif isinstance(module, Sites):
+                    _draw_site(ax, state.world, module, int(slot))
     if title:
         ax.set_title(title, fontsize=8)
 
 
-def contact_sheet(env: Environment, states: Sequence[State], path: str | Path, titles: Sequence[str] = ()) -> None:
+def contact_sheet(
+    env: Environment | Sequence[Environment], states: Sequence[State], path: str | Path, titles: Sequence[str] = ()
+) -> None:
     """Writes a sheet of worlds, four to a row.
 
     Args:
-        env: the environment.
+        env: the environment, or each world's.
         states: of single worlds.
         path: the image file.
         titles: one per world.
@@ -65,7 +72,7 @@ def contact_sheet(env: Environment, states: Sequence[State], path: str | Path, t
     FigureCanvasAgg(figure)
     for i, state in enumerate(states):
         ax = figure.add_subplot(rows, columns, i + 1)
-        draw_plan(ax, env, state, titles[i] if titles else "")
+        draw_plan(ax, env if isinstance(env, Environment) else env[i], state, titles[i] if titles else "")
     figure.savefig(path, dpi=110)
 
 
@@ -102,8 +109,21 @@ def _draw_walls(ax: Axes, world: World) -> None:
             ax.plot([x - dx, x + dx], [y - dy, y + dy], color=DOOR, linewidth=1.5, linestyle=(0, (2, 1.5)), zorder=1)
 
 
-def _draw_entity(ax: Axes, base: Base, state: State, module: Entities, slot: int) -> None:
-    model, body = base.model, int(module.body_ids[slot])
+def _draw_site(ax: Axes, world: World, module: Sites, slot: int) -> None:
+    x, y, _ = np.asarray(world.sites[module.kind][slot])
+    width, depth, _ = np.asarray(module.extents_of(world)[slot])
+    if module.is_round:
+        ax.add_patch(Circle((x, y), width / 2, facecolor=module.rgba, edgecolor=EDGE, linewidth=0.6, zorder=1.5))
+        return
+    corner = (x - width / 2, y - depth / 2)
+    ax.add_patch(Rectangle(corner, width, depth, fill=False, edgecolor=module.rgba[:3], linestyle="--", zorder=1.5))
+
+
+def _draw_entity(ax: Axes, model: mujoco.MjModel, state: State, module: Entities, slot: int) -> None:
+    if module.static:
+        _draw_geom(ax, model, state, int(module.geom_ids[slot]), zorder=2.5)
+        return
+    body = int(module.body_ids[slot])
     first = int(model.body_geomadr[body])
     height = float(state.data.xpos[body][2])
     for geom in range(first, first + int(model.body_geomnum[body])):

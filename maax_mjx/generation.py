@@ -1,0 +1,62 @@
+"""How a world's layout is drawn: every module in turn, and again where something found no place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.checks import is_traced
+from maax_mjx.layout import Grid, Layout, RoomPlan
+from maax_mjx.params import DomainParams, params_in_bounds
+from maax_mjx.physics import model_fields
+
+if TYPE_CHECKING:
+    from maax_mjx.base import Base
+
+LAYOUT_TRIES = 8
+
+
+def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
+    """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
+    floor_size = env.floor_range.draw(key, params, 1)[0]
+    in_bounds = params_in_bounds(params, env.parameters) if is_traced(params) else jnp.ones((), bool)
+
+    def draw(attempt: jax.Array) -> Layout:
+        layout = _empty_layout(env, attempt, floor_size)
+        for name, module in env.modules.items():
+            module_key = jax.random.fold_in(key, np.uint32(crc32(name.encode())))
+            layout = module.layout_step(module_key, layout, params)
+        return layout
+
+    def again(carry: tuple[jax.Array, Layout]) -> jax.Array:
+        attempt, layout = carry
+        return (attempt == 0) | (~layout.valid & (attempt < LAYOUT_TRIES))
+
+    first = jnp.zeros((), jnp.int32)
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(draw, first))
+    _, layout = jax.lax.while_loop(again, lambda c: (c[0] + 1, draw(c[0])), (first, nothing))
+    return layout.replace(valid=layout.valid & in_bounds)
+
+
+def _empty_layout(env: Base, attempt: jax.Array, floor_size: jax.Array) -> Layout:
+    fields = model_fields(env.model, env.overlay)
+    if env.floor_range.varies:
+        half = floor_size / 2
+        fields["geom_pos"] = fields["geom_pos"].at[env.floor_id, :2].set(half)
+        fields["geom_size"] = fields["geom_size"].at[env.floor_id, :2].set(half)
+    return Layout(
+        grid=Grid.create(env.grid_size, floor_size),
+        plan=RoomPlan.empty(floor_size),
+        qpos=jnp.asarray(env.model.qpos0, float),
+        fields=fields,
+        active={},
+        objects={},
+        extents={},
+        sites={},
+        valid=jnp.ones((), bool),
+        attempt=attempt,
+    )

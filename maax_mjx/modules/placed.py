@@ -1,0 +1,140 @@
+"""Things of which a world holds a drawn number, each at a place of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import hypot
+from zlib import crc32
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+
+from maax_mjx.checks import check_count_range, check_per_object
+from maax_mjx.layout import Layout, PlacementFn
+from maax_mjx.modules.module import Module
+from maax_mjx.params import DomainParams, Parameter
+from maax_mjx.physics import World
+
+
+class Places(struct.PyTreeNode):
+    """Where the objects of one module went.
+
+    Attributes:
+        centre: (n_max, 2) metres.
+        yaw: (n_max,) radians.
+        extents: (n_max, 3) metres along the objects' own axes.
+        active: (n_max,) bool, which were wanted and found a place.
+    """
+
+    centre: jax.Array
+    yaw: jax.Array
+    extents: jax.Array
+    active: jax.Array
+
+
+class Placed(Module):
+    """Objects of one kind. A subclass sets `name`, `kind` and `count_name`, and implements `write`.
+
+    Args:
+        count: how many per world, or (low, high).
+        placement_fn: where they go: one function for all, or a list with one for each slot.
+        random_yaw: whether each is turned by a uniformly random angle; else all are at yaw 0.
+
+    Attributes:
+        n_max: how many slots there are.
+        is_round: whether turning one leaves its footprint as it is.
+    """
+
+    kind: str
+    count_name: str
+    is_round = False
+
+    def __init__(
+        self,
+        count: int | tuple[int, int],
+        placement_fn: PlacementFn | Sequence[PlacementFn],
+        *,
+        random_yaw: bool = False,
+        minimum: int = 0,
+    ):
+        self.count = check_count_range(self.count_name, count, minimum)
+        self.n_max = self.count[1]
+        self.placement_fns: list[Callable] = check_per_object("placement_fn", placement_fn, self.n_max)
+        self.random_yaw = random_yaw
+        self.requires_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in self.placement_fns)
+
+    @property
+    def names(self) -> list[str]:
+        """Of all slots: "box0", "box1", ..."""
+        return [f"{self.kind}{i}" for i in range(self.n_max)]
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        return [Parameter(self.count_name, self.count, (0, self.n_max))]
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(n_max, 3) the largest extents in metres of every slot."""
+        raise NotImplementedError
+
+    @property
+    def extents(self) -> list[tuple[float, float]]:
+        turned = self.random_yaw and not self.is_round
+        return [(hypot(x, y),) * 2 if turned else (x, y) for x, y in self.largest[:, :2].tolist()]
+
+    @property
+    def sizes_vary(self) -> bool:
+        """Whether worlds differ in these objects' sizes."""
+        return False
+
+    def extents_of(self, world: World) -> jax.Array:
+        """(n_max, 3) extents in metres along the objects' own axes, in a world."""
+        return world.extents[self.kind] if self.sizes_vary else jnp.asarray(self.largest, float)
+
+    def draw_wanted(self, key: jax.Array, params: DomainParams) -> jax.Array:
+        """(n_max,) bool: which slots this world has."""
+        count_key = jax.random.fold_in(key, np.uint32(crc32(self.count_name.encode())))
+        return jnp.arange(self.n_max) < params.draw_count(count_key, self.count_name)
+
+    def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
+        """(n_max, 3) this world's extents in metres."""
+        return jnp.asarray(self.largest, float)
+
+    def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
+        """Writes what was placed into the layout."""
+        raise NotImplementedError
+
+    def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
+        if not self.n_max:
+            return layout.replace(active=layout.active | {self.kind: jnp.zeros(0, bool)})
+        wanted = self.draw_wanted(key, params)
+        extents = self.draw_extents(key, params, wanted)
+        yaw = self._draw_yaw(key, layout)
+        turned = extents[:, :2] if self.is_round else turned_extents(extents, yaw)
+        seeds = layout.seeds(key, self.n_max)
+        centres, placed = [], []
+        for i, fn in enumerate(self.placement_fns):
+            layout, centre, ok = layout.place(self.names[i], seeds[i], turned[i], fn, wanted[i])
+            centres.append(centre)
+            placed.append(ok)
+        places = Places(jnp.stack(centres), yaw, extents, jnp.stack(placed))
+        layout = layout.replace(active=layout.active | {self.kind: places.active})
+        if self.sizes_vary:
+            layout = layout.replace(extents=layout.extents | {self.kind: extents})
+        return self.write(key, layout, params, places)
+
+    def _draw_yaw(self, key: jax.Array, layout: Layout) -> jax.Array:
+        """(n_max,) radians in [0, 2 pi); zeros unless `random_yaw`."""
+        if not self.random_yaw:
+            return jnp.zeros(self.n_max)
+        bits = layout.seeds(jax.random.fold_in(key, self.n_max + 1), self.n_max)[:, 0]
+        return (bits >> 8).astype(jnp.float32) / 2**24 * 2 * jnp.pi
+
+
+def turned_extents(extents: jax.Array, yaw: jax.Array) -> jax.Array:
+    """(n, 2) extents along x and y of the bounding boxes of boxes (n, 3) turned by yaw (n,) radians; metres."""
+    x, y = extents[:, 0], extents[:, 1]
+    cos, sin = jnp.abs(jnp.cos(yaw)), jnp.abs(jnp.sin(yaw))
+    return jnp.stack([cos * x + sin * y, sin * x + cos * y], axis=1)

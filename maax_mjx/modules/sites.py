@@ -1,0 +1,158 @@
+"""Marks on the floor that nothing collides with: food and construction sites (OpenAI's games)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from maax_mjx.checks import check_positive
+from maax_mjx.layout import Layout, PlacementFn, uniform_placement
+from maax_mjx.modules.elongated import Elongated
+from maax_mjx.modules.module import BELOW
+from maax_mjx.modules.placed import Placed, Places
+from maax_mjx.params import DomainParams, Parameter
+from maax_mjx.physics import Data, World
+
+CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) / 2
+
+
+class Sites(Placed):
+    """Things of a place and a size, without a body.
+
+    They take their cells, so that nothing else starts on them. A subclass sets `name`, `kind`, `count_name`, `rgba`.
+
+    Args:
+        count: how many per world, or (low, high).
+        extent: (x, y, z) in metres.
+        placement_fn: where they go.
+        height: of their centres in metres.
+    """
+
+    rgba: tuple[float, float, float, float]
+    site_type = mujoco.mjtGeom.mjGEOM_SPHERE
+
+    def __init__(
+        self,
+        count: int | tuple[int, int],
+        extent: Sequence[float],
+        placement_fn: PlacementFn | Sequence[PlacementFn],
+        height: float,
+    ):
+        super().__init__(count, placement_fn)
+        self.extent = np.asarray(extent, np.float32)
+        self.site_height = height
+
+    @property
+    def largest(self) -> np.ndarray:
+        return np.broadcast_to(self.extent, (self.n_max, 3))
+
+    def spec_step(self, spec: mujoco.MjSpec) -> None:
+        for name in self.names:
+            spec.worldbody.add_site(
+                name=name, type=self.site_type, size=self.extent / 2, rgba=self.rgba, pos=(0, 0, BELOW)
+            )
+
+    def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
+        height = jnp.full((self.n_max, 1), self.site_height)
+        pos = jnp.concatenate([places.centre, height], axis=1)
+        pos = jnp.where(places.active[:, None], pos, 0.0)
+        return layout.replace(sites=layout.sites | {self.kind: pos})
+
+    def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
+        """`<kind>_pos` (n_max, 3) centres in metres and `<kind>_mask` (n_max,); absent ones are zero."""
+        if not self.n_max:
+            return {}
+        return {f"{self.kind}_pos": world.sites[self.kind], f"{self.kind}_mask": world.active[self.kind]}
+
+
+class Food(Sites):
+    """Food to be found and, with the game's mechanics, eaten.
+
+    Args:
+        n_food: how many pieces per world, or (low, high); drawn uniformly.
+        food_size: diameter in metres.
+        placement_fn: one function for all, or a list with one per slot.
+
+    Raises:
+        ValueError: a negative or reversed count, or a size that is not positive.
+    """
+
+    name = "food"
+    kind = "food"
+    count_name = "n_food"
+    is_round = True
+    rgba = (0.2, 0.7, 0.3, 1.0)
+
+    def __init__(
+        self,
+        n_food: int | tuple[int, int] = 1,
+        food_size: float = 0.1,
+        placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
+    ):
+        size = check_positive("food_size", food_size)
+        super().__init__(n_food, [size] * 3, placement_fn, height=size / 2)
+
+
+class ConstructionSites(Sites):
+    """Where a box is to be brought, and its four corners (OpenAI's blueprint game).
+
+    Elongated sites are 3.3 times as long and 0.3 times as wide, drawn as elongated boxes are.
+
+    Args:
+        n_sites: how many per world, or (low, high); drawn uniformly.
+        site_size: edge in metres.
+        site_height: height of centres and corners in metres.
+        n_elongated_sites: how many of them are elongated, or (low, high).
+        placement_fn: one function for all, or a list with one per slot.
+
+    Raises:
+        ValueError: a negative or reversed count, or a size that is not positive.
+    """
+
+    name = "construction_sites"
+    kind = "construction_site"
+    count_name = "n_sites"
+    rgba = (0.9, 0.5, 0.1, 0.5)
+    site_type = mujoco.mjtGeom.mjGEOM_BOX
+
+    def __init__(
+        self,
+        n_sites: int | tuple[int, int] = 1,
+        site_size: float = 0.5,
+        site_height: float = 0.25,
+        n_elongated_sites: int | tuple[int, int] = 0,
+        placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
+    ):
+        size, height = check_positive("site_size", site_size), check_positive("site_height", site_height)
+        super().__init__(n_sites, [size] * 3, placement_fn, height=height)
+        self.elongated = Elongated("n_elongated_sites", n_elongated_sites, self.n_max)
+
+    @property
+    def sizes_vary(self) -> bool:
+        return self.elongated.possible
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        return super().parameters + self.elongated.parameters
+
+    @property
+    def largest(self) -> np.ndarray:
+        return self.elongated.largest(self.extent)
+
+    def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
+        return jnp.asarray(self.extent) * self.elongated.draw(key, params, wanted)
+
+    def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
+        """As of `Sites`, and `construction_site_corner_pos` (n_max, 4, 3)."""
+        if not self.n_max:
+            return {}
+        obs = super().observation_step(world, data)
+        flat = self.extents_of(world)[:, None, :2] * CORNERS
+        offset = jnp.pad(flat, ((0, 0), (0, 0), (0, 1)))
+        corners = world.sites[self.kind][:, None] + offset
+        active = world.active[self.kind][:, None, None]
+        return obs | {f"{self.kind}_corner_pos": jnp.where(active, corners, 0.0)}

@@ -1,0 +1,87 @@
+"""Model fields that worlds may differ in, and which of them go together (MuJoCo computes the rest when it compiles)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.physics.world import Fields
+
+SIZE_FIELDS = ("geom_size", "geom_rbound", "geom_aabb")
+BOX_FIELDS = ("geom_pos", *SIZE_FIELDS)
+MASS_FIELDS = ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0")
+
+
+def set_boxes(fields: Mapping[str, jax.Array], ids: np.ndarray, half: jax.Array) -> Fields:
+    """Resizes box geoms, with the bounds that broad phases read.
+
+    Args:
+        fields: whole model fields, `SIZE_FIELDS` among them.
+        ids: (n,) geom ids.
+        half: (n, 3) half extents in metres.
+    """
+    return _set_sizes(fields, ids, half, half)
+
+
+def set_cylinders(fields: Mapping[str, jax.Array], ids: np.ndarray, half: jax.Array) -> Fields:
+    """Resizes upright cylinder geoms: `half` (n, 3) is radius, radius and half the height; see `set_boxes`."""
+    size = jnp.concatenate([half[:, :1], half[:, 2:], jnp.zeros_like(half[:, :1])], axis=1)
+    return _set_sizes(fields, ids, size, half)
+
+
+def _set_sizes(fields: Mapping[str, jax.Array], ids: np.ndarray, size: jax.Array, half: jax.Array) -> Fields:
+    aabb = jnp.concatenate([jnp.zeros_like(half), half], axis=1)
+    return dict(fields) | {
+        "geom_size": fields["geom_size"].at[ids].set(size),
+        "geom_rbound": fields["geom_rbound"].at[ids].set(jnp.linalg.norm(size, axis=1)),
+        "geom_aabb": fields["geom_aabb"].at[ids].set(aabb),
+    }
+
+
+def set_masses(
+    fields: Mapping[str, jax.Array], bodies: np.ndarray, dofs: np.ndarray, mass: jax.Array, inertia: jax.Array
+) -> Fields:
+    """Sets the mass of bodies that hang on the world by slides and turning joints, or by a free joint.
+
+    The inverse weights, by which MuJoCo scales constraints, are those of `mj_setConst`: of slides 1 / mass, of hinges
+    1 / inertia, of a free joint's rotations the mean of these.
+
+    Args:
+        fields: whole model fields, `MASS_FIELDS` among them.
+        bodies: (n,) body ids.
+        dofs: (n, 4) dof ids of x, y, z and yaw; (n, 6) of a free joint.
+        mass: (n,) kg.
+        inertia: (n, 3) about the body's axes, kg m^2.
+    """
+    light, turning = 1 / mass[:, None], 1 / inertia
+    mean = turning.mean(axis=1, keepdims=True)
+    if dofs.shape[1] == 4:
+        turning = turning[:, 2:]
+        mean = turning / 3
+    else:
+        turning = jnp.repeat(mean, 3, axis=1)
+    return dict(fields) | {
+        "body_mass": fields["body_mass"].at[bodies].set(mass),
+        "body_inertia": fields["body_inertia"].at[bodies].set(inertia),
+        "body_subtreemass": fields["body_subtreemass"].at[bodies].set(mass),
+        "body_invweight0": fields["body_invweight0"].at[bodies].set(jnp.concatenate([light, mean], axis=1)),
+        "dof_invweight0": fields["dof_invweight0"]
+        .at[dofs]
+        .set(jnp.concatenate([jnp.repeat(light, 3, axis=1), turning], axis=1)),
+    }
+
+
+def box_inertia(mass: jax.Array, extents: jax.Array) -> jax.Array:
+    """(n, 3) of solid boxes: mass (n,) in kg, extents (n, 3) in metres."""
+    squares = extents**2
+    return mass[:, None] / 12 * (squares.sum(axis=1, keepdims=True) - squares)
+
+
+def cylinder_inertia(mass: jax.Array, extents: jax.Array) -> jax.Array:
+    """(n, 3) of solid upright cylinders: mass (n,) in kg, extents (n, 3) diameter, diameter and height in metres."""
+    r2, h2 = extents[:, 0] ** 2 / 4, extents[:, 2] ** 2
+    across = mass * (3 * r2 + h2) / 12
+    return jnp.stack([across, across, mass * r2 / 2], axis=1)
