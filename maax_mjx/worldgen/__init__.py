@@ -3,6 +3,7 @@
 from maax_mjx.worldgen import transforms
 from maax_mjx.worldgen.builder import WorldBuilder, WorldParams
 from maax_mjx.worldgen.floor import Floor
+from maax_mjx.worldgen.from_stl import ObjFromSTL
 from maax_mjx.worldgen.from_xml import ObjFromXML
 from maax_mjx.worldgen.geom import Geom, Wedge
 from maax_mjx.worldgen.material import Material
@@ -16,6 +17,7 @@ __all__ = [
     "Geom",
     "Material",
     "Obj",
+    "ObjFromSTL",
     "ObjFromXML",
     "Placement",
     "Transform",
