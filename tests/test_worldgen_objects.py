@@ -129,12 +129,27 @@ def test_ready_made_transforms():
 
 @pytest.mark.parametrize(
     ("args", "left"),
-    [((), 0), (("slide",), 2), (("hinge",), 4), (("free",), 4), ((None, (0, 0, 1)), 3), (("slide", (1, 0, 0)), 4)],
+    [
+        ((), ""),
+        (("slide",), "yaw free"),
+        (("hinge",), "x y z free"),
+        (("free",), "x y z yaw"),
+        (("slide", (3, 0, 0)), "y z yaw free"),
+        ((None, (0, 0, -1)), "x y free"),
+        (("slide", (1, 1, 0)), "x y z yaw free"),
+    ],
 )
-def test_remove_joints_counts(args, left):
-    builder = world(Geom("box", (0.3, 0.3, 0.3)), Geom("box", (0.3, 0.3, 0.3), free=True))
-    builder.add_transform(remove_joints(*args))
-    assert compiled(builder)[0].njnt == left  # of x, y, z, yaw and free
+def test_removed_joints_are_gone_for_the_next_transform_too(args, left):
+    seen = []
+    objects = [Geom("box", (0.3, 0.3, 0.3), name="a"), Geom("box", (0.3, 0.3, 0.3), name="b", free=True)]
+    for obj in objects:
+        obj.add_transform(remove_joints(*args)).add_transform(set_joint_damping(5.0))
+        obj.add_transform(lambda written: seen.extend(joint.name for joint in written.joints))
+    builder = world(*objects)
+    model, _ = compiled(builder)
+    assert [model.joint(i).name[2:] for i in range(model.njnt)] == left.split()
+    assert [name[2:] for name in seen] == left.split()
+    close(model.dof_damping, 5.0)
 
 
 @pytest.mark.parametrize(("kind", "low", "high"), [("box", (0.2, 0.2, 3), (2, 2, 4)), ("cylinder", (0.2, 1), (2, 1))])

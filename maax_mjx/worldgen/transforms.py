@@ -30,8 +30,9 @@ def set_geom_attr(name: str, value: Any) -> Transform:
     Raises:
         ValueError: a geom has no such attribute, or it does not take the value.
     """
-    probe = mujoco.MjSpec().worldbody.add_geom()
-    if name.startswith("_") or not hasattr(probe, name):
+    spec = mujoco.MjSpec()  # tried out on a geom of its own; a name that holds it keeps it alive
+    probe = spec.worldbody.add_geom()
+    if not isinstance(name, str) or name.startswith("_") or not hasattr(probe, name):
         takes = [attr for attr in dir(probe) if not attr.startswith("_")]
         raise ValueError(f"name: got {name!r}; takes an attribute of a geom, one of {takes}")
     try:
