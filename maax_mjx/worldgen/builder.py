@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import mujoco
 import numpy as np
 
+from maax_mjx.worldgen.mark import CENTRE
+from maax_mjx.worldgen.material import Material
 from maax_mjx.worldgen.obj import Obj
+from maax_mjx.worldgen.written import Written
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,33 @@ class WorldBuilder(Obj):
             raise ValueError("obj: a WorldBuilder takes one root, its floor; append to that instead")
         return super().append(obj, placement_name, placement_xy)
 
+    def mark_static(self) -> NoReturn:
+        """Refused: what is static is an object of the world."""
+        raise ValueError("mark_static: a WorldBuilder is no object of its world; mark its objects")
+
+    def mark(
+        self,
+        name: str,
+        relative_xyz: Sequence[float] = CENTRE,
+        absolute_xyz: Sequence[float] | None = None,
+        rgba: Sequence[float] = (0.0, 0.0, 1.0, 1.0),
+        geom_type: str = "sphere",
+        size: float = 0.1,
+    ) -> NoReturn:
+        """Refused: the world's extents are its floor's, so its marks are too."""
+        raise ValueError("mark: a WorldBuilder has no extents; mark its floor")
+
+    def set_material(self, material: Material) -> NoReturn:
+        """Refused: a material is an object's."""
+        raise ValueError("set_material: a WorldBuilder has no geoms; set the material of its floor or objects")
+
     def to_spec(self) -> mujoco.MjSpec:
-        """Runs the five phases and returns an uncompiled spec.
+        """Runs the five phases and returns an uncompiled spec, equal at every call.
 
         Raises:
             WorldFullError: an object does not fit.
+            ValueError: there is no floor, an object names a placement that its parent lacks, or two marks or two
+                different materials share a name.
         """
         if not self.children:
             raise ValueError("WorldBuilder: got no floor; append a Floor first")
@@ -82,6 +109,8 @@ class WorldBuilder(Obj):
         spec.option.iterations = self.params.iterations
         spec.option.ls_iterations = self.params.ls_iterations
         root.add_to_spec(spec, spec.worldbody)
+        for transform in self._transforms:
+            transform(Written.below(spec, spec.worldbody))
         return spec
 
     def to_mjcf(self) -> str:
@@ -89,3 +118,21 @@ class WorldBuilder(Obj):
         spec = self.to_spec()
         spec.compile()
         return spec.to_xml()
+
+    def to_xinit(self) -> dict[str, float | np.ndarray]:
+        """The initial qpos of every joint of the world that `to_spec` builds, by the joint's name.
+
+        Metres for slides, radians for hinges; (7,) for free joints: position in metres and unit quaternion, w first;
+        (4,) for ball joints.
+
+        Raises:
+            ValueError: a joint has no name.
+        """
+        model = self.to_spec().compile()
+        xinit: dict[str, float | np.ndarray] = {}
+        for joint in map(model.joint, range(model.njnt)):
+            if not joint.name:
+                body = model.body(model.jnt_bodyid[joint.id]).name
+                raise ValueError(f"to_xinit: body {body!r} has a joint without a name; give it one in its file")
+            xinit[joint.name] = joint.qpos0.copy() if len(joint.qpos0) > 1 else float(joint.qpos0[0])
+        return xinit

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.worldgen.obj import Obj, Placement
+from maax_mjx.worldgen.written import Written
 
 PARKING_HEIGHT = 20.0
 
@@ -36,7 +37,7 @@ class Floor(Obj):
             raise ValueError(f"size: got {size}; takes a positive length in metres")
         self.edge, self.friction, self.rgba = float(size), friction, rgba
 
-    def _draw_size(self, rng: np.random.Generator) -> None:
+    def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
         self.size = np.array([self.edge, self.edge, 0.0])
         area = np.array([self.edge, self.edge, np.inf])
         self.placements = {
@@ -44,7 +45,7 @@ class Floor(Obj):
             "parking": Placement(np.array([0.0, 0.0, PARKING_HEIGHT]), area, stacked=True),
         }
 
-    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> Written:
         half = self.edge / 2
         geom = parent.add_geom(
             name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=[half, half, 0], size=[half, half, 0.1], condim=3,
@@ -52,4 +53,4 @@ class Floor(Obj):
         )  # fmt: skip
         if self.friction is not None:
             geom.friction[0] = self.friction
-        return parent
+        return Written(spec, parent, [geom])

@@ -7,20 +7,23 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from maax_mjx.worldgen.annotations import MAIN, PREFIX, read_annotations
+from maax_mjx.worldgen.checks import check_rgba
 from maax_mjx.worldgen.joints import refer_slides
 from maax_mjx.worldgen.obj import Obj
+from maax_mjx.worldgen.written import Written, body_position
 
 ASSETS = Path(__file__).parent / "assets"
-OUTER_BOUND = "annotation:outer_bound"
-MAIN = "main"
 
 
 class ObjFromXML(Obj):
     """An object read from an MJCF file.
 
-    The file holds one body named "main", without rotation, and a body "annotation:outer_bound" whose box geom
-    gives the object's extents (it is left out of the model). In the model, "main" takes the object's name, and every
-    other name gets it as a prefix: `agent0`, `agent0:x`, `agent0:hand_left`.
+    The file holds one body named "main", without rotation, and a body "annotation:outer_bound" whose box geom is the
+    object's bounding box. Every other body "annotation:<name>" with a box geom is a placement <name> for children,
+    who stand on the box's lower face and must fit into it ("annotation:top", "annotation:inside"; OpenAI's worldgen).
+    Annotations are left out of the model. There, "main" takes the object's name, and every other name gets it as a
+    prefix: `agent0`, `agent0:x`, `agent0:hand_left`.
 
     Args:
         path: the file; a bare name is looked up among the package's assets.
@@ -28,7 +31,8 @@ class ObjFromXML(Obj):
         rgba: colour for all its geoms; None keeps the file's.
 
     Raises:
-        ValueError: no such file, or a body is missing from it.
+        ValueError: no such file, one that MuJoCo refuses, a body is missing from it, another one or a geom is beside
+            "main", a body is turned or lacks its box, or `rgba` is no colour.
     """
 
     def __init__(self, path: str | Path, name: str | None = None, *, rgba: tuple[float, ...] | None = None):
@@ -37,31 +41,36 @@ class ObjFromXML(Obj):
         if file is None:
             assets = sorted(p.stem for p in ASSETS.glob("*.xml"))
             raise ValueError(f"path: got {str(path)!r}; takes an MJCF file or one of the assets {assets}")
+        if rgba is not None:
+            check_rgba("rgba", rgba)
         self.kind = file.stem
         self.rgba = rgba
-        self._source = mujoco.MjSpec.from_file(str(file))
-        for body in (OUTER_BOUND, MAIN):
-            if self._source.body(body) is None:
-                raise ValueError(f"path: {file} has no body {body!r}")
+        try:
+            self._source = mujoco.MjSpec.from_file(str(file))
+        except ValueError as error:
+            raise ValueError(f"path: {file} is not an MJCF file that MuJoCo takes: {error}") from error
+        self._annotations = read_annotations(self._source, file)
 
-    def _draw_size(self, rng: np.random.Generator) -> None:
-        self.size = 2 * np.array(self._source.body(OUTER_BOUND).geoms[0].size)
-        self.placements = {}
+    def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
+        self.size, self.placements = self._annotations.size, self._annotations.placements
 
-    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> Written:
         source = self._source.copy()
-        source.delete(source.body(OUTER_BOUND))
+        for name in [body.name for body in source.bodies if body.name.startswith(PREFIX)]:
+            source.delete(source.body(name))
         if self.static:
             for element in [*source.actuators, *source.joints]:
                 source.delete(element)
         spec.attach(source, prefix=f"{self.name}:", frame=parent.add_frame())
         body = spec.body(f"{self.name}:{MAIN}")
-        body.pos = self.centre - parent.pos
-        refer_slides(body, self.centre)
+        position = self.centre + self._annotations.main
+        body.pos = position - body_position(parent)
+        refer_slides(body, position)
         for element in [body, *body.geoms]:
             if element.name == f"{self.name}:{MAIN}":
                 element.name = self.name
+        written = Written.below(spec, body)
         if self.rgba is not None:
-            for geom in body.geoms:
+            for geom in written.geoms:
                 geom.rgba = self.rgba
-        return body
+        return written

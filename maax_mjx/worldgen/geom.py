@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from maax_mjx.worldgen.joints import add_body
-from maax_mjx.worldgen.obj import Obj, Placement
+from maax_mjx.worldgen.checks import check_number
+from maax_mjx.worldgen.obj import Placement
+from maax_mjx.worldgen.solid import Solid
+from maax_mjx.worldgen.written import Written
 
 TYPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -17,14 +19,15 @@ TYPES = {
 }
 
 
-class Geom(Obj):
+class Geom(Solid):
     """A primitive body.
 
     Args:
         geom_type: "box", "sphere" or "cylinder".
         min_size: full extents in metres: (x, y, z) of a box, (diameter,) of a sphere, (diameter, height) of a
             cylinder.
-        max_size: upper extents; each is then drawn uniformly between the two.
+        max_size: upper extents; each is then drawn uniformly between the two, and along x and y cut to what its
+            placement holds, but not below `min_size` (as in OpenAI's worldgen).
         name: body and geom name.
         mass: in kg.
         friction: sliding friction; None keeps MuJoCo's default of 1.
@@ -49,7 +52,7 @@ class Geom(Obj):
         free: bool = False,
         rgba: Sequence[float] = (0.5, 0.5, 0.5, 1.0),
     ):
-        super().__init__(name)
+        super().__init__(name, mass=mass, friction=friction, damping=damping, free=free, rgba=rgba)
         if geom_type not in TYPES:
             raise ValueError(f"geom_type: got {geom_type!r}; takes one of {sorted(TYPES)}")
         n_extents = {"box": 3, "sphere": 1, "cylinder": 2}[geom_type]
@@ -61,10 +64,11 @@ class Geom(Obj):
             )
         self.kind = geom_type
         self.low, self.high = low, high
-        self.mass, self.friction, self.damping, self.free, self.rgba = mass, friction, damping, free, rgba
 
-    def _draw_size(self, rng: np.random.Generator) -> None:
+    def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
         extents = rng.uniform(self.low, self.high)
+        widths, limit = (slice(2), room) if self.kind == "box" else (slice(1), room.min())
+        extents[widths] = np.maximum(np.minimum(extents[widths], limit), self.low[widths])
         self.size = {
             "box": lambda e: e,
             "sphere": lambda e: np.repeat(e, 3),
@@ -73,15 +77,13 @@ class Geom(Obj):
         top = Placement(np.array([0.0, 0.0, self.size[2]]), np.array([*self.size[:2], np.inf]))
         self.placements = {"top": top}
 
-    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
-        assert self.name is not None
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> Written:
         half = self.size / 2
         size = {"box": half, "sphere": [half[0], 0, 0], "cylinder": [half[0], half[2], 0]}[self.kind]
-        fields = dict(name=self.name, type=TYPES[self.kind], size=size, rgba=self.rgba)
-        return write_geom(self, spec, parent, fields)
+        return self._write_geom(spec, parent, type=TYPES[self.kind], size=size)
 
 
-class Wedge(Obj):
+class Wedge(Solid):
     """A ramp: a triangular prism that rises at 45 degrees towards its -y edge.
 
     Args:
@@ -102,39 +104,21 @@ class Wedge(Obj):
         free: bool = False,
         rgba: Sequence[float] = (0.9, 0.8, 0.3, 1.0),
     ):
-        super().__init__(name)
-        if not extent > 0:
-            raise ValueError(f"extent: got {extent}; takes a positive length in metres")
-        self.extent, self.mass, self.friction = extent, mass, friction
-        self.damping, self.free, self.rgba = damping, free, rgba
+        super().__init__(name, mass=mass, friction=friction, damping=damping, free=free, rgba=rgba)
+        self.extent = check_number("extent", extent, "a positive length in metres", above=True)
 
-    def _draw_size(self, rng: np.random.Generator) -> None:
+    def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
         self.size = np.full(3, self.extent)
         self.placements = {}
 
-    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> Written:
         mesh = f"wedge_{self.extent:g}"
         if spec.mesh(mesh) is None:
             spec.add_mesh(name=mesh, uservert=(wedge_vertices() * self.extent).ravel())
-        fields = dict(name=self.name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, rgba=self.rgba)
-        return write_geom(self, spec, parent, fields)
+        return self._write_geom(spec, parent, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh)
 
 
 def wedge_vertices() -> np.ndarray:
     """The six corners of a unit wedge centred on its bounding box, (6, 3)."""
     corners = [(x, y, z) for x in (-0.5, 0.5) for y, z in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5))]
     return np.array(corners)
-
-
-def write_geom(obj: Geom | Wedge, spec: mujoco.MjSpec, parent: mujoco.MjsBody, fields: dict) -> mujoco.MjsBody:
-    """Adds the geom of a single-geom object: to the parent if the object is static, else to a body of its own."""
-    assert obj.name is not None
-    if obj.static:
-        body, fields = parent, fields | {"pos": obj.centre - parent.pos}
-    else:
-        body = add_body(spec, obj.name, obj.centre, free=obj.free, damping=obj.damping)
-        fields = fields | {"mass": obj.mass}
-    geom = body.add_geom(condim=3, **fields)
-    if obj.friction is not None:
-        geom.friction[0] = obj.friction
-    return body

@@ -4,38 +4,28 @@
 2. `assign_names` names what has no name yet.
 3. `generate` draws sizes and the children's positions inside their placements.
 4. `locate` turns relative positions into absolute ones.
-5. `add_to_spec` writes bodies, joints and geoms into a `mujoco.MjSpec`.
+5. `add_to_spec` writes bodies, joints, geoms and sites into a `mujoco.MjSpec`, and runs the transforms.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from maax_mjx.worldgen.mark import CENTRE, Mark
+from maax_mjx.worldgen.material import Material
+from maax_mjx.worldgen.placement import Placement, WorldFullError, choose_placement
+from maax_mjx.worldgen.written import Transform, Written
+
 Vec3 = np.ndarray
 PLACEMENT_TRIES = 100
-
-
-class WorldFullError(RuntimeError):
-    """No room was found for an object inside its placement."""
-
-
-@dataclass(frozen=True)
-class Placement:
-    """An axis-aligned box, relative to its object's lower corner, that holds children.
-
-    Attributes:
-        origin: lower corner in metres, (3,).
-        size: extents in metres, (3,).
-        stacked: children go on top of each other along z with a gap, instead of side by side.
-    """
-
-    origin: Vec3
-    size: Vec3
-    stacked: bool = False
+# Sizes read from files are float32: a child that is too large by less than this (m) fits.
+TOLERANCE = 1e-6
+ANYTHING = np.full(2, np.inf)
 
 
 @dataclass
@@ -65,13 +55,17 @@ class Obj:
         self._has_parent = False
         self.children: list[Child] = []
         self._relative: list[Vec3] = []
+        self._marks: list[Mark] = []
+        self._material: Material | None = None
+        self._transforms: list[Transform] = []
 
     def append(self, obj: Obj, placement_name: str = "top", placement_xy: tuple[float, float] | None = None) -> Obj:
         """Adds a child to a placement and returns the child.
 
         Args:
             obj: the child.
-            placement_name: which placement of this object holds it.
+            placement_name: which placement of this object holds it; or how the names of several begin, of which one
+                is drawn uniformly ("shelf" for "shelf0" and "shelf1").
             placement_xy: position as a fraction in [0, 1] of the free span; None draws it.
 
         Raises:
@@ -90,6 +84,69 @@ class Obj:
         self.static = True
         return self
 
+    def mark(
+        self,
+        name: str,
+        relative_xyz: Sequence[float] = CENTRE,
+        absolute_xyz: Sequence[float] | None = None,
+        rgba: Sequence[float] = (0.0, 0.0, 1.0, 1.0),
+        geom_type: str = "sphere",
+        size: float = 0.1,
+    ) -> Obj:
+        """Puts a named site on this object, which moves along with it.
+
+        Args:
+            name: the site's name in the model; one per world.
+            relative_xyz: where, as fractions of the object's extents from its lower corner, (3,).
+            absolute_xyz: where, in metres from its lower corner, (3,), instead of `relative_xyz`.
+            rgba: colour, four numbers in [0, 1].
+            geom_type: "sphere", "box", "cylinder", "capsule" or "ellipsoid".
+            size: radius, or half the extent, in metres.
+
+        Returns:
+            This object.
+
+        Raises:
+            ValueError: a value outside its range, both positions, or a second mark of that name.
+        """
+        if any(mark.name == name for mark in self._marks):
+            raise ValueError(f"name: {self.name or self.kind} has a mark {name!r} already; takes a new name")
+        self._marks.append(Mark(name, relative_xyz, absolute_xyz, rgba, geom_type, size))
+        return self
+
+    def set_material(self, material: Material) -> Obj:
+        """Sets the look of this object's geoms, instead of their colours; once. Returns this object.
+
+        Raises:
+            ValueError: no `Material`, or the object has one.
+        """
+        if not isinstance(material, Material):
+            raise ValueError(f"material: got {material!r}; takes a Material")
+        if self._material is not None:
+            raise ValueError(f"material: {self.name or self.kind} has {self._material} already; takes one per object")
+        self._material = material
+        return self
+
+    def add_transform(self, fn: Transform) -> Obj:
+        """Adds a function that changes what this object wrote into the spec, before its children are written.
+
+        Transforms run in phase 5, in the order in which they were added, after the marks and the material. One of
+        the `WorldBuilder` runs last and is given the whole world.
+
+        Args:
+            fn: takes a `Written`; what it returns is ignored. `maax_mjx.worldgen.transforms` has some.
+
+        Returns:
+            This object.
+
+        Raises:
+            ValueError: `fn` cannot be called.
+        """
+        if not callable(fn):
+            raise ValueError(f"fn: got {fn!r}; takes a function of a Written")
+        self._transforms.append(fn)
+        return self
+
     def assign_names(self, counters: Counter[str]) -> None:
         """Phase 2: names every unnamed object "<kind><index>", counted over the whole tree, past `given_names`."""
         while self.name is None:
@@ -105,25 +162,25 @@ class Obj:
         own = Counter([self.name]) if self.name else Counter()
         return sum((child.obj.given_names() for child in self.children), own)
 
-    def generate(self, rng: np.random.Generator) -> None:
-        """Phase 3: draws this object's size, then its children's sizes and relative positions.
+    def generate(self, rng: np.random.Generator, room: np.ndarray = ANYTHING) -> None:
+        """Phase 3: draws this object's size, then its children's placements, sizes and relative positions.
+
+        Args:
+            rng: of everything that is drawn.
+            room: the extents along x and y (m) of the placement that this object goes to, (2,).
 
         Raises:
             WorldFullError: a child does not fit into its placement.
             ValueError: a child names a placement that this object lacks.
         """
-        self._draw_size(rng)
+        self._draw_size(rng, room)
+        held_by = []
         for child in self.children:
-            if child.placement not in self.placements:
-                raise ValueError(
-                    f"placement_name: {self.name} has no placement {child.placement!r}; "
-                    f"takes one of {sorted(self.placements)}"
-                )
-            child.obj.generate(rng)
+            held_by.append(choose_placement(child.placement, self.placements, str(self.name), rng))
+            child.obj.generate(rng, self.placements[held_by[-1]].size[:2])
         self._relative = [np.zeros(3)] * len(self.children)
         for name, placement in self.placements.items():
-            ids = [i for i, child in enumerate(self.children) if child.placement == name]
-            self._place(ids, name, placement, rng)
+            self._place([i for i, held in enumerate(held_by) if held == name], name, placement, rng)
 
     def locate(self, position: Vec3) -> None:
         """Phase 4: fixes the absolute position (m) of the lower corner of this object and of all below it."""
@@ -133,22 +190,28 @@ class Obj:
 
     def add_to_spec(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
         """Phase 5: writes this object and its children into the spec."""
-        body = self._write(spec, parent)
+        written = self._write(spec, parent)
+        for mark in self._marks:
+            mark.write(written, self.position, self.size)
+        if self._material is not None:
+            self._material.write(written, str(self.name))
+        for transform in self._transforms:
+            transform(written)
         for child in self.children:
             # A child of a movable object still moves on its own: only static ones join the parent's body.
-            child.obj.add_to_spec(spec, body if child.obj.static else spec.worldbody)
+            child.obj.add_to_spec(spec, written.body if child.obj.static else spec.worldbody)
 
     @property
     def centre(self) -> Vec3:
         """Absolute centre of the object's bounding box in metres, (3,); after phase 4."""
         return self.position + self.size / 2
 
-    def _draw_size(self, rng: np.random.Generator) -> None:
-        """Sets `size` and `placements`."""
+    def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
+        """Sets `size` and `placements`; `room` is the placement's extents (m) along x and y, (2,)."""
         raise NotImplementedError
 
-    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> mujoco.MjsBody:
-        """Writes this object alone and returns the body that holds its geoms."""
+    def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> Written:
+        """Writes this object alone and returns what it wrote."""
         raise NotImplementedError
 
     def _place(self, ids: list[int], name: str, placement: Placement, rng: np.random.Generator) -> None:
@@ -157,9 +220,13 @@ class Obj:
         # Given places first, so that drawn ones keep clear of them.
         for i in sorted(ids, key=lambda i: self.children[i].xy is None):
             child = self.children[i]
-            span = placement.size[:2] - child.obj.size[:2]
-            if (span < 0).any():
-                raise WorldFullError(f"{child.obj.name} of size {child.obj.size} is larger than {self.name}'s {name!r}")
+            free = placement.size - child.obj.size
+            if (free < -TOLERANCE).any():
+                raise WorldFullError(
+                    f"{child.obj.name} of size {child.obj.size} m is larger than {self.name}'s {name!r} of size "
+                    f"{placement.size} m"
+                )
+            span = np.maximum(free[:2], 0.0)
             if placement.stacked:
                 xy = span * (child.xy or (0.5, 0.5))
                 self._relative[i] = placement.origin + np.array([*xy, height])

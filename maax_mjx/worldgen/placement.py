@@ -1,0 +1,42 @@
+"""Placements: where an object holds its children."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+class WorldFullError(RuntimeError):
+    """No room was found for an object inside its placement."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An axis-aligned box, relative to its object's lower corner, that holds children.
+
+    Attributes:
+        origin: lower corner in metres, (3,). Children stand on it.
+        size: extents in metres, (3,); inf is open above.
+        stacked: children go on top of each other along z with a gap, instead of side by side.
+    """
+
+    origin: np.ndarray
+    size: np.ndarray
+    stacked: bool = False
+
+
+def choose_placement(wanted: str, names: Iterable[str], owner: str, rng: np.random.Generator) -> str:
+    """The placement of that name; else one drawn uniformly from those whose names begin so (OpenAI's worldgen).
+
+    Raises:
+        ValueError: there is none; the message names the object, `owner`, and its placements.
+    """
+    names = list(names)
+    matches = [name for name in names if name.startswith(wanted)]
+    if not matches:
+        raise ValueError(f"placement_name: {owner} has no placement {wanted!r}; takes one of {sorted(names)}")
+    if wanted in matches or len(matches) == 1:
+        return wanted if wanted in matches else matches[0]
+    return matches[int(rng.integers(len(matches)))]

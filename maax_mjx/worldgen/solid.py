@@ -1,0 +1,62 @@
+"""What objects of a single geom have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+
+from maax_mjx.worldgen.checks import check_number, check_rgba
+from maax_mjx.worldgen.joints import add_body
+from maax_mjx.worldgen.obj import Obj
+from maax_mjx.worldgen.written import Written, body_position
+
+
+class Solid(Obj):
+    """An object of one geom. A subclass implements `_draw_size`, and `_write` by means of `_write_geom`.
+
+    Args:
+        name: body and geom name.
+        mass: in kg; None leaves it to the geom's density.
+        friction: sliding friction; None keeps MuJoCo's default of 1.
+        damping: of the joints (N s/m, Nm s/rad).
+        free: a free joint instead of slides x, y, z and a yaw hinge.
+        rgba: colour.
+
+    Raises:
+        ValueError: a mass that is not positive, negative friction or damping, or no colour.
+    """
+
+    def __init__(
+        self,
+        name: str | None,
+        *,
+        mass: float | None,
+        friction: float | None,
+        damping: float,
+        free: bool,
+        rgba: Sequence[float],
+    ):
+        super().__init__(name)
+        if mass is not None:
+            check_number("mass", mass, "a positive number of kg", above=True)
+        if friction is not None:
+            check_number("friction", friction, "a number of at least 0, or None")
+        check_number("damping", damping, "a number of at least 0, in N s/m or Nm s/rad")
+        check_rgba("rgba", rgba)
+        self.mass, self.friction, self.damping, self.free, self.rgba = mass, friction, damping, free, rgba
+
+    def _write_geom(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody, condim: int = 3, **fields: Any) -> Written:
+        """Adds the geom: to the parent if the object is static, else to a body of its own."""
+        assert self.name is not None
+        if self.static:
+            body, fields = parent, fields | {"pos": self.centre - body_position(parent)}
+        else:
+            body = add_body(spec, self.name, self.centre, free=self.free, damping=self.damping)
+            if self.mass is not None:
+                fields["mass"] = self.mass
+        geom = body.add_geom(name=self.name, condim=condim, rgba=self.rgba, **fields)
+        if self.friction is not None:
+            geom.friction[0] = self.friction
+        return Written(spec, body, [geom], [] if self.static else list(body.joints))
