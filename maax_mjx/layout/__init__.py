@@ -16,6 +16,7 @@ from maax_mjx.layout.placement import (
     uniform_placement,
 )
 from maax_mjx.layout.plan import RoomPlan
+from maax_mjx.layout.poisson import poisson_disc
 
 __all__ = [
     "Grid",
@@ -27,6 +28,7 @@ __all__ = [
     "centre_placement",
     "middle_placement",
     "outside_quad_placement",
+    "poisson_disc",
     "proximity_placement",
     "quad_placement",
     "requires_quadrant",

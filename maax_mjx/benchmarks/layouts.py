@@ -1,0 +1,185 @@
+"""What new layouts for a whole batch cost, in physics steps of it: `python -m maax_mjx.benchmarks.layouts --help`.
+
+Both are timed in turns within one run. A reset is `jax.jit(jax.vmap(env.reset))` with a range of parameters for every
+world, as `Worlds` resets: layouts, overlay, poses and first observations. A physics step is `env.engine.advance` of one
+frame, vmapped and scanned, without resets, poses, observations or checks, under random controls redrawn every step,
+which meet fewer contacts than held ones and so make the cheapest steps to be measured against.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import tyro
+from tqdm import tqdm
+
+import maax_mjx as maax
+from maax_mjx.base import Base
+from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.step import DISTINCT, bare_roll, draw_actions
+from maax_mjx.checks import check_choice, check_count
+from maax_mjx.state import State
+
+SCENES: dict[str, dict[str, Any]] = {
+    "M": {},
+    "crowded": {"n_boxes": (1, 9), "n_ramps": (0, 2)},
+    "rooms": {"scenario": "random", "n_rooms": (2, 6), "n_boxes": (1, 4)},
+    "mixed": {"scenario": ("empty", "half", "quad", "var_quad", "tri", "random"), "n_boxes": (1, 4)},
+}
+"""By name, what `maax.make("standard")` is given."""
+
+
+@dataclass
+class Config:
+    """Options.
+
+    Attributes:
+        impl: engines to time.
+        scenes: M, crowded (up to 9 boxes and 2 ramps), rooms (2 to 6 random ones, up to 4 boxes), mixed (a batch of all
+            room scenarios).
+        worlds: batch sizes.
+        rounds: turns, of which medians are reported; every round resets once and steps `steps` times.
+        steps: physics steps per round.
+        bare: whether to time steps of the engine alone as well, as `benchmarks/step.py` does: `mujoco.batch.Batch.step`
+            for `c`, a scanned `mjx.step` that carries its mjx.Data for `jax` and `warp`.
+        out: JSON file to write; nothing is written without one.
+    """
+
+    impl: tuple[str, ...] = ("c",)
+    scenes: tuple[str, ...] = ("M",)
+    worlds: tuple[int, ...] = (256,)
+    rounds: int = 9
+    steps: int = 20
+    bare: bool = False
+    out: Path | None = None
+
+
+@dataclass
+class Row:
+    """One batch; medians over the rounds.
+
+    Attributes:
+        impl: the engine.
+        scene: one of `SCENES`.
+        worlds: batch size.
+        contacts_per_world: room for contact points.
+        reset_ms: new layouts for all worlds.
+        step_ms: one physics step of all worlds.
+        ratio: reset over step: how many physics steps the layouts cost.
+        bare_ratio: reset over a step of the engine alone; None if that was not timed.
+        layouts_per_s: new layouts, all worlds added.
+        layouts_invalid: of all that were drawn.
+        compile_s: of everything, the first calls included.
+    """
+
+    impl: str
+    scene: str
+    worlds: int
+    contacts_per_world: int
+    reset_ms: float
+    step_ms: float
+    ratio: float
+    bare_ratio: float | None
+    layouts_per_s: int
+    layouts_invalid: int
+    compile_s: float
+
+
+def physics_roll(env: Base) -> Callable[[State, jax.Array, jax.Array, int], State]:
+    """`(states, moves, steps, held)` to the states after one physics step for each of the step numbers `steps`."""
+    advance = env.engine.advance  # builds the model, which gives the agents their ids
+    ids = env.agents.ctrl_ids.reshape(-1)
+
+    def roll(states: State, moves: jax.Array, steps: jax.Array, held: int) -> State:
+        def step(data: Any, i: jax.Array) -> tuple[Any, None]:
+            move = moves[i // held % DISTINCT]
+            data = data.replace(ctrl=data.ctrl.at[:, ids].set(move.reshape(len(move), -1)))
+            return jax.vmap(lambda world, data: advance(world, data, 1)[0])(states.world, data), None
+
+        return states.replace(data=jax.lax.scan(step, states.data, steps)[0])
+
+    return jax.jit(roll, donate_argnums=0)
+
+
+def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
+    """Times resets and steps of one batch in turns."""
+    env = maax.make("standard", impl=impl, **SCENES[scene]).base
+    reset = jax.jit(jax.vmap(env.reset))
+    keys = jax.random.split(jax.random.key(0), (config.rounds + 1, n_worlds))
+    params = jax.tree.map(lambda x: jnp.broadcast_to(x, (n_worlds, *x.shape)), env.default_params)
+    moves = jnp.asarray(draw_actions(env, n_worlds, held=1))
+    turns = jnp.arange((config.rounds + 1) * config.steps).reshape(-1, config.steps)
+
+    begun = time.perf_counter()
+    rolls: dict[str, Callable] = {"step": physics_roll(env)}
+    rolling: dict[str, Any] = {}
+    if config.bare:
+        start, rolls["bare"] = bare_roll(env)
+        rolling["bare"] = start(reset(keys[-1], params))
+    rolling["step"] = reset(keys[-1], params)
+    for name, roll in rolls.items():
+        rolling[name] = jax.block_until_ready(roll(rolling[name], moves, turns[-1], 1))
+    compile_s = time.perf_counter() - begun
+
+    spent: dict[str, list[float]] = {"reset": [], **{name: [] for name in rolls}}
+    invalid = 0
+    for i in tqdm(range(config.rounds), desc=f"{impl} {scene} {n_worlds}", unit="round", leave=False):
+        begun = time.perf_counter()
+        states = jax.block_until_ready(reset(keys[i], params))
+        spent["reset"].append(time.perf_counter() - begun)
+        invalid += int((~states.world.valid).sum())
+        del states
+        for name, roll in rolls.items():
+            begun = time.perf_counter()
+            rolling[name] = jax.block_until_ready(roll(rolling[name], moves, turns[i], 1))
+            spent[name].append((time.perf_counter() - begun) / config.steps)
+    median = {name: statistics.median(times) for name, times in spent.items()}
+    return Row(
+        impl=impl,
+        scene=scene,
+        worlds=n_worlds,
+        contacts_per_world=env.contacts_per_world,
+        reset_ms=round(median["reset"] * 1e3, 3),
+        step_ms=round(median["step"] * 1e3, 4),
+        ratio=round(median["reset"] / median["step"], 2),
+        bare_ratio=round(median["reset"] / median["bare"], 2) if config.bare else None,
+        layouts_per_s=round(n_worlds / median["reset"]),
+        layouts_invalid=invalid,
+        compile_s=round(compile_s, 1),
+    )
+
+
+def batches(config: Config) -> Iterator[tuple[str, str, int]]:
+    """The engine, scene and size of every batch."""
+    return ((impl, scene, n) for impl in config.impl for scene in config.scenes for n in config.worlds)
+
+
+def main(config: Config) -> None:
+    """Measures every batch, prints a table and writes the JSON after each."""
+    for name in ("rounds", "steps"):
+        check_count(name, getattr(config, name), minimum=1)
+    for scene in config.scenes:
+        check_choice("scenes", scene, SCENES)
+    rows: list[Row] = []
+    print("impl  scene     worlds   reset ms    step ms    ratio  bare ratio   layouts/s  invalid")
+    for impl, scene, n_worlds in batches(config):
+        row = measure(impl, scene, n_worlds, config)
+        rows.append(row)
+        bare = "-" if row.bare_ratio is None else f"{row.bare_ratio:.2f}"
+        print(
+            f"{impl:5} {scene:8} {n_worlds:7} {row.reset_ms:10.3f} {row.step_ms:10.4f} {row.ratio:8.2f} {bare:>11} "
+            f"{row.layouts_per_s:11,} {row.layouts_invalid:8}",
+            flush=True,
+        )
+        record.write(config.out, config, rows)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

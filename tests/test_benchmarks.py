@@ -1,0 +1,140 @@
+"""Benchmarks at their smallest: that they run, and what their files hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from maax_mjx.benchmarks import layouts, load, plots, sampling
+
+
+def run(module, path, **options):
+    """The rows of a benchmark's file, checked against its `Row`."""
+    module.main(module.Config(out=path, **options))
+    record = json.loads(path.read_text())
+    assert set(record) == {"conditions", "config", "rows"}
+    for row in record["rows"]:
+        assert list(row) == [field.name for field in dataclasses.fields(module.Row)]
+    return record["rows"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("results")
+
+
+@pytest.fixture(scope="module")
+def sampled(folder):
+    path = folder / "sampling_cpu.json"
+    return run(sampling, path, edges=(2.0,), densities=(0.9,), full_edge=2.0, worlds=(3,), rounds=2)
+
+
+@pytest.fixture(scope="module")
+def loaded(folder):
+    return run(load, folder / "load_c_cpu.json", edges=(), boxes=(1,), dense_edges=(), rounds=1)
+
+
+def test_sampling(sampled):
+    ways = [("poisson", 1), ("darts", 1), ("field", 3)]
+    assert [(row["method"], row["worlds"]) for row in sampled] == 2 * ways
+    assert [row["sweep"] for row in sampled] == ["edge"] * 3 + ["density"] * 3
+    for row in sampled:
+        assert row["wanted"] == 14
+        assert row["closest_m"] >= 0.5
+        assert row["ms_per_world"] > 0
+        n_worlds = 2 * row["worlds"]
+        assert row["failures"] == pytest.approx(n_worlds * (row["wanted"] - row["found"]), abs=0.02 * n_worlds)
+        # The field keeps points a cell further apart than the radius, so that it has room for about half as many.
+        assert (row["found"] < 9) == (row["method"] == "field")
+
+
+def test_scattered_points_keep_apart_inside():
+    draw = jax.jit(jax.vmap(lambda key: sampling.scatter(14, 0.5, 2.0, 0.2, key)))
+    for table in np.asarray(draw(jax.random.split(jax.random.key(0), 8))):
+        points = table[table[:, 2] > 0, :2]
+        assert sampling.closest(points) >= 0.5
+        assert ((points >= 0) & (points <= 2)).all()
+
+
+def test_darts_keep_apart_inside_and_give_up():
+    assert len(sampling.throw_darts(5, 0.5, 4.0, 0, 30)) == 5
+    points = sampling.throw_darts(500, 0.5, 4.0, 0, 30)
+    # Discs of half the radius, packed like honeycomb: no more than 93 have their middles on the floor.
+    assert len(points) < 94
+    assert sampling.closest(points) >= 0.5
+    assert ((points >= 0) & (points <= 4)).all()
+
+
+def test_load(loaded):
+    (row,) = loaded
+    assert (row["sweep"], row["edge_m"], row["grid_size"], row["n_boxes"]) == ("objects", 6.0, 30, 1)
+    parts = [row[name] for name in ("spec_s", "model_s", "engine_s", "reset_s", "step_s")]
+    assert min(parts) > 0
+    assert row["total_s"] == pytest.approx(sum(parts), abs=1e-4)
+    assert row["next_reset_s"] < row["total_s"]
+
+
+def test_worlds_to_load():
+    config = load.Config(edges=(6.0, 12.0), boxes=(0, 20), dense_edges=(8.0,))
+    assert list(load.worlds(config)) == [
+        ("floor", 6.0, 1),
+        ("floor", 12.0, 1),
+        ("objects", 6.0, 0),
+        ("objects", 6.0, 20),
+        ("dense", 8.0, 16),
+    ]
+
+
+def test_layouts(tmp_path):
+    (row,) = run(layouts, tmp_path / "layouts_c.json", worlds=(4,), rounds=2, steps=2, bare=True)
+    assert (row["impl"], row["scene"], row["worlds"], row["layouts_invalid"]) == ("c", "M", 4, 0)
+    assert row["ratio"] == pytest.approx(row["reset_ms"] / row["step_ms"], rel=0.05)
+    assert row["bare_ratio"] > 0
+
+
+@pytest.mark.usefixtures("sampled", "loaded")
+def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
+    pictures = [folder / "load_c_cpu.png", folder / "sampling_cpu.png"]
+    for picture in pictures:
+        assert picture.read_bytes().startswith(b"\x89PNG")
+        picture.unlink()
+    (folder / "step_cpu.json").write_text("{}")
+    plots.main(plots.Config(folder))
+    assert capsys.readouterr().out.split() == [str(p) for p in pictures]
+    assert all(p.stat().st_size > 10_000 for p in pictures)
+    assert not (folder / "step_cpu.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("module", "options", "message"),
+    [
+        (sampling, dict(radius=0.0), "radius: got 0.0; takes a positive number"),
+        (sampling, dict(densities=(0.3, -1.0)), "densities: got -1.0"),
+        (sampling, dict(rounds=0), "rounds: got 0"),
+        (load, dict(edges=(6.1,)), "edges: got 6.1; takes multiples of 0.2"),
+        (load, dict(rounds=0), "rounds: got 0"),
+        (layouts, dict(scenes=("N",)), "scenes: got 'N'; takes one of"),
+        (layouts, dict(steps=0), "steps: got 0"),
+    ],
+)
+def test_errors_before_anything_runs(module, options, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        module.main(module.Config(out=tmp_path / "out.json", **options))
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_files_that_are_no_records(tmp_path):
+    path = tmp_path / "sampling_x.json"
+    for text, message in [
+        ("{", "takes a benchmark's JSON record"),
+        ('{"rows": []}', "takes a benchmark's JSON record"),
+    ]:
+        path.write_text(text)
+        with pytest.raises(ValueError, match=message):
+            plots.draw(path, plots.sampling)
+    with pytest.raises(ValueError, match="folder: got"):
+        plots.main(plots.Config(tmp_path / "nowhere"))
