@@ -11,6 +11,7 @@ import numpy as np
 
 from maax_mjx.checks import is_traced
 from maax_mjx.layout import Grid, Layout, RoomPlan
+from maax_mjx.layout.redraw import redraw
 from maax_mjx.params import DomainParams, params_in_bounds
 from maax_mjx.physics import model_fields
 
@@ -32,13 +33,7 @@ def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
             layout = module.layout_step(module_key, layout, params)
         return layout
 
-    def again(carry: tuple[jax.Array, Layout]) -> jax.Array:
-        attempt, layout = carry
-        return (attempt == 0) | (~layout.valid & (attempt < LAYOUT_TRIES))
-
-    first = jnp.zeros((), jnp.int32)
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(draw, first))
-    _, layout = jax.lax.while_loop(again, lambda c: (c[0] + 1, draw(c[0])), (first, nothing))
+    layout = redraw(draw, LAYOUT_TRIES)
     return layout.replace(valid=layout.valid & in_bounds)
 
 

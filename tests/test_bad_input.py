@@ -201,7 +201,7 @@ REVERSED = ("params: n_boxes is (2, 1)", "0 <= low <= high <= 3")
 BATCH_OF_PARAMS = ("params: prob_outside_walls has shape (3, 2)", "takes (2,)")
 FOREIGN = (
     "params: got ranges for ['n_agents', 'n_boxes']",
-    "takes exactly ['n_agents', 'n_boxes', 'n_ramps', 'p_door_dropout', 'prob_outside_walls']",
+    "takes exactly ['n_boxes', 'n_hiders', 'n_ramps', 'n_seekers', 'p_door_dropout', 'prob_outside_walls']",
 )
 SINGLE = ("world: got 0", "single world", "takes None")
 BATCH = "the state is a batch and takes an index below 3"

@@ -125,11 +125,13 @@ class Scatter(Layout):
         """An open floor without any of its `n` objects."""
         return cls(
             grid=Grid.create(round(edge / cell), edge),
-            plan=RoomPlan.empty(),
+            plan=RoomPlan.empty(edge),
             qpos=jnp.zeros(0),
             fields={},
             active={},
             objects={},
+            extents={},
+            sites={},
             valid=jnp.ones((), bool),
             attempt=jnp.zeros((), jnp.int32),
             table=jnp.zeros((n, 3)),

@@ -26,7 +26,7 @@ def requires_quadrant(fn: PlacementFn) -> PlacementFn:
 
 def uniform_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     """Anywhere on the floor."""
-    return jnp.ones((layout.grid.size, layout.grid.size))
+    return jnp.ones((layout.grid.size, layout.grid.size), bool)
 
 
 @requires_quadrant
@@ -48,7 +48,7 @@ def centre_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     """In the middle of the floor, to the cell."""
     middle = (layout.grid.size - cells) // 2
     rect = jnp.concatenate([middle, middle + cells])
-    return within(layout.grid.size, cells, rect).astype(jnp.float32)
+    return within(layout.grid.size, cells, rect)
 
 
 def middle_placement(fraction: float) -> PlacementFn:
@@ -64,7 +64,7 @@ def middle_placement(fraction: float) -> PlacementFn:
         g = layout.grid.size
         margin = jnp.floor(jnp.asarray(g * (1 - fraction) / 2) + 1e-6).astype(jnp.int32)
         rect = jnp.stack([margin, margin, g - margin, g - margin])
-        return within(g, cells, rect).astype(jnp.float32)
+        return within(g, cells, rect)
 
     return placement
 
@@ -81,7 +81,7 @@ def separation_placement(radius: float) -> PlacementFn:
         objects = layout.stacked_objects()
         # A cell's slack is drawn within it, after this: half a cell on either side is left for it.
         far = _distances(layout, cells, objects[:, :2]) >= radius + layout.grid.cell
-        return (far | (objects[:, 2] == 0)).all(axis=-1).astype(jnp.float32)
+        return (far | (objects[:, 2] == 0)).all(axis=-1)
 
     return placement
 
@@ -157,7 +157,7 @@ def _has_quadrant(layout: Layout) -> jax.Array:
 
 
 def _or_anywhere(allowed: jax.Array, applies: jax.Array) -> jax.Array:
-    return jnp.where(applies, allowed, True).astype(jnp.float32)
+    return allowed | ~applies
 
 
 def _distances(layout: Layout, cells: jax.Array, points: jax.Array) -> jax.Array:

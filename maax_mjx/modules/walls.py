@@ -12,6 +12,7 @@ import numpy as np
 from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction
 from maax_mjx.layout import Layout
 from maax_mjx.layout import walls as wall_layout
+from maax_mjx.layout.redraw import redraw
 from maax_mjx.layout.scenarios import RANDOM, SCENARIOS, Rooms, random_rooms, with_doors
 from maax_mjx.modules.module import BELOW, Module
 from maax_mjx.modules.ranged import Ranged
@@ -24,6 +25,7 @@ OUTER_HEIGHT = 4.0
 INNER_HEIGHT = 0.5
 OUTER = ("walls", "limits", "none")
 QUADRANTS = ("quad", "var_quad")
+ROOM_TRIES = 8
 
 
 class WallScenarios(Module):
@@ -199,6 +201,16 @@ class WallScenarios(Module):
         return len(self.scenarios) == 1 and RANDOM not in self.scenarios and not dropped
 
     def _draw_rooms(
+        self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
+    ) -> Rooms:
+        """Rooms with their doors; random ones are drawn again here, so that the rest of a layout is not."""
+        if RANDOM not in self.scenarios:
+            return self._draw_once(which, count_key, key, grid_size, params)
+        return redraw(
+            lambda i: self._draw_once(which, count_key, jax.random.fold_in(key, i), grid_size, params), ROOM_TRIES
+        )
+
+    def _draw_once(
         self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
     ) -> Rooms:
         draw_key, door_key, drop_key = jax.random.split(key, 3)
