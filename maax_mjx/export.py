@@ -65,7 +65,7 @@ def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
     model = overlaid_model(env.base.model, env.base.overlay, one.world)
     root = ET.fromstring(env.base.spec.to_xml())
     _write_bodies(root, model)
-    _write_geoms(root, model)
+    _write_geoms(root, model, env)
     for element in _child(root, "actuator"):
         element.set("gear", _numbers(model.actuator(element.get("name")).gear))
     _write_sites(root, env, one)
@@ -102,12 +102,14 @@ def _write_bodies(root: ET.Element, model: mujoco.MjModel) -> None:
             element.set("range", _numbers(joint.range))
 
 
-def _write_geoms(root: ET.Element, model: mujoco.MjModel) -> None:
+def _write_geoms(root: ET.Element, model: mujoco.MjModel, env: Environment) -> None:
     for element in root.iter("geom"):
         geom = model.geom(element.get("name"))
         element.set("friction", _numbers(geom.friction))
-        if float(element.get("mass", 0)) > 0:
-            element.set("mass", _numbers(model.body_mass[geom.bodyid]))
+        if element.get("mass") is not None:
+            body = geom.bodyid
+            share = model.body_mass[body] / env.base.model.body_mass[body]
+            element.set("mass", _numbers([env.base.spec.geom(geom.name).mass * share[0]]))
         # A compiled mesh has a frame of its own, which the file does not.
         if element.get("mesh") is None:
             element.set("pos", _numbers(geom.pos))

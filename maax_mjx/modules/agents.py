@@ -113,9 +113,8 @@ class Agents(Entities):
         return ObjFromXML("agent", name, rgba=self.colors[int(name.removeprefix(self.kind))])
 
     def spec_step(self, spec: mujoco.MjSpec) -> None:
+        super().spec_step(spec)
         for name in self.names:
-            if self.model_friction is not None:
-                spec.geom(name).friction[0] = self.model_friction
             for motor in MOTORS:
                 spec.joint(f"{name}:{motor}").damping[0] = self.damping.high
                 spec.actuator(f"{name}:{motor}").gear[0] = self.gear.high

@@ -92,7 +92,7 @@ class Cylinders(Entities):
     def make(self, name: str) -> Obj:
         rgba = (0.55, 0.45, 0.7, 1.0)
         size = (self.diameter.high, self.height.high)
-        return Geom("cylinder", size, name=name, mass=MASS, friction=self.model_friction, rgba=rgba)
+        return Geom("cylinder", size, name=name, mass=MASS, rgba=rgba)
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
         if not self.static:
@@ -104,8 +104,12 @@ class Cylinders(Entities):
     def cache_step(self, model: mujoco.MjModel) -> None:
         if not self.static:
             return super().cache_step(model)
-        self.geom_ids = np.array([model.geom(name).id for name in self.names], int)
+        self.geom_ids = self.all_geom_ids = np.array([model.geom(name).id for name in self.names], int)
+        self.slot_of_geom = np.arange(self.n_max)
         return None
+
+    def geoms_of(self, spec: mujoco.MjSpec, name: str) -> list[mujoco.MjsGeom]:
+        return [spec.geom(name)] if self.static else super().geoms_of(spec, name)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
         diameter, height = self.draw(self.diameter, key, params), self.draw(self.height, key, params)

@@ -79,7 +79,7 @@ class Entities(Placed):
     @property
     def overlay(self) -> Overlay:
         varies = self.friction is not None and self.friction.varies
-        return {"body_gravcomp": self.body_ids} | ({"geom_friction": self.geom_ids} if varies else {})
+        return {"body_gravcomp": self.body_ids} | ({"geom_friction": self.all_geom_ids} if varies else {})
 
     @property
     def contact_points(self) -> float:
@@ -89,20 +89,32 @@ class Entities(Placed):
     def largest(self) -> np.ndarray:
         return np.broadcast_to(self.extent, (self.n_max, 3))
 
-    @property
-    def model_friction(self) -> float | None:
-        """The sliding friction to compile in."""
-        return self.friction.high if self.friction else None
-
     def build_step(self, floor: Floor, grid_size: int) -> None:
         for name in self.names:
             floor.append(self.make(name), "parking", (0.5, 0.5))
+
+    def spec_step(self, spec: mujoco.MjSpec) -> None:
+        if self.friction is not None:
+            for geom in [geom for name in self.names for geom in self.geoms_of(spec, name)]:
+                geom.friction[0] = self.friction.high
+
+    def geoms_of(self, spec: mujoco.MjSpec, name: str) -> list[mujoco.MjsGeom]:
+        """The geoms of one object."""
+        return list(spec.body(name).geoms)
 
     def cache_step(self, model: mujoco.MjModel) -> None:
         joints = [model.joint(f"{name}:{'free' if self.free else 'x'}") for name in self.names]
         n_q, n_v = (7, 6) if self.free else (4, 4)
         self.body_ids = np.array([model.body(name).id for name in self.names], int)
         self.geom_ids = np.array([model.geom(name).id for name in self.names], int)
+        nested = np.isin(model.body_parentid, self.body_ids)
+        if nested.any():
+            inner = model.body(nested.argmax()).name
+            raise ValueError(f"make: {inner!r} is a body inside an entity; takes a single body")
+        # An entity of a user's own may have several geoms, the body's namesake among them.
+        slots = [np.flatnonzero(model.geom_bodyid == body) for body in self.body_ids]
+        self.all_geom_ids = np.concatenate([np.zeros(0, int), *slots])
+        self.slot_of_geom = np.repeat(np.arange(self.n_max), [len(ids) for ids in slots])
         # x, y, z and yaw follow each other in qpos and qvel, as a free joint's parts do.
         self.qpos_ids = np.array([j.qposadr[0] + np.arange(n_q) for j in joints], int).reshape(-1, n_q)
         self.qvel_ids = np.array([j.dofadr[0] + np.arange(n_v) for j in joints], int).reshape(-1, n_v)
@@ -130,7 +142,8 @@ class Entities(Placed):
         if self.friction is None or not self.friction.varies:
             return fields
         sliding = self.draw(self.friction, key, params)
-        return fields | {"geom_friction": fields["geom_friction"].at[self.geom_ids, 0].set(sliding)}
+        frictions = fields["geom_friction"].at[self.all_geom_ids, 0].set(sliding[self.slot_of_geom])
+        return fields | {"geom_friction": frictions}
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """`<kind>_obs` (n_max, 9): position, cos and sin of yaw, velocities; with free joints (n_max, 15): position,

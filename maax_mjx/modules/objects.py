@@ -115,9 +115,7 @@ class Boxes(Entities):
     def make(self, name: str) -> Obj:
         size = [float(e) for e in self.extent]
         rgba = (0.85, 0.63, 0.4, 1.0)
-        return Geom(
-            "box", size, name=name, mass=self.mass.high, friction=self.model_friction, free=self.free, rgba=rgba
-        )
+        return Geom("box", size, name=name, mass=self.mass.high, free=self.free, rgba=rgba)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
         return self.draw(self.size, key, params)[:, None] * self.elongated.draw(key, params, wanted)
@@ -183,4 +181,4 @@ class Ramps(Entities):
         )
 
     def make(self, name: str) -> Obj:
-        return Wedge(RAMP_SIZE, name, mass=RAMP_MASS, friction=self.model_friction, free=self.free)
+        return Wedge(RAMP_SIZE, name, mass=RAMP_MASS, free=self.free)
