@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import ceil
 
 from maax_mjx.layout.grid import CELL_EPS
-from maax_mjx.modules import Module
+from maax_mjx.modules import Module, Placed
 
 JAMMING = 0.56
 """Share of an area that equal squares, placed at random one after the other, fill before none fits (Feder 1980)."""
@@ -30,9 +30,10 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
         ValueError: with the free cells, the largest footprint and how many objects of it fit.
     """
     cell = floor_size / grid_size
-    footprints = [(m, [ceil(e - CELL_EPS) for e in (x / cell, y / cell)]) for m in modules for x, y in m.extents]
+    footprints = [(m, _footprint(extent, cell)) for m in modules for extent in m.extents]
     if not footprints:
         return
+    _check_quadrant(modules, grid_size, cell)
     module, (width, height) = max(footprints, key=lambda f: f[1][0] * f[1][1])
     free = grid_size**2 - sum(m.wall_cells(grid_size) for m in modules)
     room = int(JAMMING * free / (width * height))
@@ -42,4 +43,25 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
             f"n_{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "
             f"cells over a largest footprint of {width} x {height} cells, of which random placement fills "
             f"{JAMMING:.0%}"
+        )
+
+
+def _footprint(extent: tuple[float, float], cell: float) -> tuple[int, int]:
+    return ceil(extent[0] / cell - CELL_EPS), ceil(extent[1] / cell - CELL_EPS)
+
+
+def _check_quadrant(modules: Sequence[Module], grid_size: int, cell: float) -> None:
+    cells = min((m.quadrant_cells(grid_size) for m in modules if m.provides_quadrant), default=0)
+    inside = [
+        _footprint(extent, cell)
+        for m in modules
+        if isinstance(m, Placed)
+        for extent, fn in zip(m.extents, m.placement_fns, strict=True)
+        if getattr(fn, "inside_quadrant", False)
+    ]
+    taken = sum(width * depth for width, depth in inside)
+    if taken > JAMMING * cells:
+        raise ValueError(
+            f"placement_fn: got {len(inside)} objects of {taken} cells in the quadrant; the smallest has {cells}, "
+            f"of which random placement fills {JAMMING:.0%}"
         )

@@ -14,7 +14,8 @@ BLOCKS = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
-def test_block(block, capsys):
+def test_block(block, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     exec(compile(block, str(README), "exec"), {})
     if block == DESCENT:
         reached = re.fullmatch(r"([\d.]+) mm from the goal after (\d+) iterations\n", capsys.readouterr().out)

@@ -162,6 +162,15 @@ def test_params_move_without_a_retrace(env, batch_reset):
     assert (plan.door_mask.sum(axis=1)[plan.scenario == SCENARIOS.index("quad")] == 2).all()
 
 
+def test_names_of_the_predecessors():
+    assert maax.RandomWalls(5, random_room_count=True).n_rooms == (1, 5)
+    assert maax.RandomWalls(outside_walls=False).outer == "none"
+    with pytest.raises(ValueError, match="n_rooms: got"):
+        maax.RandomWalls((1, 2), random_room_count=True)
+    with pytest.raises(ValueError, match="outside_walls: got False"):
+        maax.RandomWalls(outer="limits", outside_walls=False)
+
+
 @pytest.mark.parametrize("n_rooms", [4])
 def test_random_rooms_are_distributed_as_published(n_rooms, batch_reset):
     """Kolmogorov-Smirnov over 5,000 worlds against the NumPy oracle: wall lengths, room areas."""

@@ -35,6 +35,10 @@ def quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     return _or_anywhere(within(layout.grid.size, cells, layout.plan.quadrant), _has_quadrant(layout))
 
 
+quad_placement.inside_quadrant = True  # type: ignore[attr-defined]
+"""What asks for the quadrant alone must fit into it."""
+
+
 @requires_quadrant
 def outside_quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     """Outside the quadrant, uniformly by area (OpenAI picks one of three rectangles around it instead).

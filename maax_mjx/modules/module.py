@@ -54,6 +54,10 @@ class Module:
         """How many cells its walls take, at the most."""
         return 0
 
+    def quadrant_cells(self, grid_size: int) -> int:
+        """How many cells its quadrant has, at the least."""
+        return 0
+
     def check(self, grid_size: int) -> None:
         """Refuses arguments that do not fit the grid.
 

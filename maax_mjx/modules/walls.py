@@ -130,6 +130,10 @@ class WallScenarios(Module):
         longest = grid_size if {"half", "tri", RANDOM} & set(self.scenarios) else grid_size // 2
         return (4 * grid_size - 4 if self.n_outer else 0) + self.n_inner * longest
 
+    def quadrant_cells(self, grid_size: int) -> int:
+        share = 0.3 if "var_quad" in self.scenarios else 0.5
+        return (int(share * grid_size) - 1) ** 2
+
     def build_step(self, floor: Floor, grid_size: int) -> None:
         thick = floor.edge / grid_size / 2
         for i, height in enumerate(self._heights):
@@ -238,9 +242,12 @@ class RandomWalls(WallScenarios):
         n_rooms: how many, or (low, high), drawn uniformly.
         min_room_size: in cells; new walls keep further than this from the corners of the room that they split.
         door_size, prob_outside_walls, low_outside_walls, friction, outer: see `WallScenarios`.
+        random_room_count: draws 1 to `n_rooms` rooms: the same as `n_rooms=(1, n_rooms)`.
+        outside_walls: False is the same as `outer="none"`.
 
     Raises:
-        ValueError: see `WallScenarios`.
+        ValueError: see `WallScenarios`; or `random_room_count` with a range already given, or `outside_walls=False` with
+            another `outer`.
     """
 
     def __init__(
@@ -252,7 +259,14 @@ class RandomWalls(WallScenarios):
         low_outside_walls: bool = False,
         friction: float | tuple[float, float] | None = None,
         outer: str = "walls",
+        *,
+        random_room_count: bool = False,
+        outside_walls: bool = True,
     ):
+        if random_room_count:
+            n_rooms = (1, check_count("n_rooms", n_rooms, minimum=1))
+        if not outside_walls and outer == "limits":
+            raise ValueError("outside_walls: got False beside outer='limits'; takes True there")
         super().__init__(
             RANDOM,
             door_size,
@@ -261,7 +275,7 @@ class RandomWalls(WallScenarios):
             prob_outside_walls=prob_outside_walls,
             low_outside_walls=low_outside_walls,
             friction=friction,
-            outer=outer,
+            outer=outer if outside_walls else "none",
         )
 
 

@@ -27,6 +27,7 @@ def standard(
     grid_size: int = 30,
     floor_size: float | tuple[float, float] = 6.0,
     outer: str = "walls",
+    probabilities: Sequence[float] | None = None,
     horizon: int = 1000,
     impl: str = "auto",
     world_params: WorldParams | None = None,
@@ -43,6 +44,7 @@ def standard(
         n_boxes, n_ramps: per world, or (low, high).
         door_size: in cells.
         outer: what closes the arena; see `WallScenarios`.
+        probabilities: of the scenarios, where there are several.
         p_door_dropout, n_rooms, min_room_size: see `WallScenarios`.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
@@ -54,9 +56,7 @@ def standard(
     env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world)
     inside: PlacementFn = uniform_placement
     outside: PlacementFn = uniform_placement
-    walls = WallScenarios(
-        scenario, door_size, p_door_dropout, n_rooms=n_rooms, min_room_size=min_room_size, outer=outer
-    )
+    walls = WallScenarios(scenario, door_size, p_door_dropout, probabilities, n_rooms, min_room_size, outer=outer)
     if walls.provides_quadrant:
         inside, outside = quad_placement, outside_quad_placement
     env.add_module(walls)
