@@ -25,11 +25,13 @@ def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
 
 
 def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
-    """A uniform sample of a dict of bounded boxes and binaries, under jit too."""
+    """A uniform sample of a dict of bounded boxes, bins and binaries, under jit too."""
     out = {}
     for k, (name, sub) in zip(jax.random.split(key, len(space.spaces)), space.spaces.items(), strict=True):
         if isinstance(sub, spaces.Box):
             out[name] = jax.random.uniform(k, sub.shape, jnp.float32, sub.low, sub.high)
+        elif isinstance(sub, spaces.MultiDiscrete):
+            out[name] = jax.random.randint(k, sub.shape, 0, jnp.asarray(sub.nvec))
         elif isinstance(sub, spaces.MultiBinary):
             out[name] = jax.random.bernoulli(k, shape=sub.shape).astype(jnp.int8)
         else:

@@ -246,8 +246,7 @@ class RandomWalls(WallScenarios):
         outside_walls: False is the same as `outer="none"`.
 
     Raises:
-        ValueError: see `WallScenarios`; or `random_room_count` with a range already given, or `outside_walls=False` with
-            another `outer`.
+        ValueError: see `WallScenarios`; or `random_room_count` with a range, or `outside_walls=False` with limits.
     """
 
     def __init__(

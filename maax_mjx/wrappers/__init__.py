@@ -1,0 +1,35 @@
+"""The game: what agents are told, what they may do, what they are rewarded for."""
+
+from maax_mjx.wrappers.actions import DiscretizeActions
+from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.observations import (
+    ConcatenateObservations,
+    FlattenObservations,
+    SelectObservations,
+    SplitObservations,
+    SpoofEntities,
+)
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
+from maax_mjx.wrappers.teams import TeamMembership
+from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, RewardWrapper, Wrapper, find, layers
+
+__all__ = [
+    "ActionWrapper",
+    "AgentAgentContactMask2D",
+    "ConcatenateObservations",
+    "DiscretizeActions",
+    "FlattenObservations",
+    "HideAndSeekReward",
+    "ObservationWrapper",
+    "PreparationPhase",
+    "RestrictAgentsRect",
+    "RewardWrapper",
+    "SelectObservations",
+    "SplitObservations",
+    "SpoofEntities",
+    "TeamMembership",
+    "Wrapper",
+    "find",
+    "layers",
+]

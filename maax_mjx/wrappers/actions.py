@@ -1,0 +1,45 @@
+"""Other actions than forces."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.checks import check_count
+from maax_mjx.env import Environment
+from maax_mjx.state import State
+from maax_mjx.wrappers.wrapper import ActionWrapper
+
+
+class DiscretizeActions(ActionWrapper):
+    """Takes `action["move"]` as bins (n_agents, 3) int: 0 is full force backwards, the last full force forwards.
+
+    Bins are spread evenly over [-1, 1]; an odd number has rest in its middle. Bins beyond the last count as the last.
+
+    Args:
+        env: what to wrap.
+        n_bins: how many, at least 2.
+
+    Raises:
+        ValueError: fewer than 2 bins.
+    """
+
+    name = "discretize_actions"
+
+    def __init__(self, env: Environment, n_bins: int = 11):
+        super().__init__(env)
+        self.n_bins = check_count("n_bins", n_bins, minimum=2)
+        self._forces = np.linspace(-1, 1, n_bins, dtype=np.float32)
+
+    @cached_property
+    def action_space(self) -> spaces.Dict:
+        inner = self.env.action_space.spaces
+        return spaces.Dict({**inner, "move": spaces.MultiDiscrete(np.full(inner["move"].shape or (), self.n_bins))})
+
+    def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
+        bins = jnp.clip(jnp.asarray(action["move"]), 0, self.n_bins - 1).astype(jnp.int32)
+        return {**action, "move": jnp.asarray(self._forces)[bins]}

@@ -1,0 +1,110 @@
+"""Who is rewarded for what."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.checks import check_choice, check_positive
+from maax_mjx.env import Environment
+from maax_mjx.modules import Entities
+from maax_mjx.state import State
+from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
+from maax_mjx.wrappers.wrapper import RewardWrapper
+
+REW_TYPES = ("selfish", "team_mean", "team_zero_sum")
+
+
+class HideAndSeekReward(RewardWrapper):
+    """Adds +1 to hiders that no seeker has, else -1, and +1 to seekers that have a hider, else -1.
+
+    The rule is that of Baker et al. and of the thesis (5.2.2), by contact: who touches, has. Absent agents neither get
+    nor give anything. Of teams 0 and 1 of `TeamMembership`.
+
+    Args:
+        env: what to wrap.
+        rew_type: "selfish" (each its own), "team_mean" (the mean of its team), "team_zero_sum" (hiders the least of
+            their team, seekers the most, so that one caught hider loses for all).
+        scale: what the reward is multiplied with.
+
+    Raises:
+        ValueError: an unknown type, a scale that is not positive, or a missing wrapper.
+    """
+
+    name = "hide_and_seek_reward"
+    requires = (TeamMembership, AgentAgentContactMask2D)
+    precedes = (PreparationPhase,)
+
+    def __init__(self, env: Environment, rew_type: str = "selfish", scale: float = 1.0):
+        super().__init__(env)
+        self.rew_type = check_choice("rew_type", rew_type, REW_TYPES)
+        self.scale = check_positive("scale", scale)
+        teams = self.inner(TeamMembership)
+        self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)
+
+    def reward(self, state: State) -> jax.Array:
+        active = state.world.active[self.base.agents.kind]
+        hiders, seekers = active & self._hiders, active & self._seekers
+        has = state.mechanics[AgentAgentContactMask2D.name] & seekers[:, None] & hiders
+        hidden = jnp.where(has.any(axis=0), -1.0, 1.0)
+        found = jnp.where(has.any(axis=1), 1.0, -1.0)
+        if self.rew_type == "team_mean":
+            hidden, found = _mean(hidden, hiders), _mean(found, seekers)
+        elif self.rew_type == "team_zero_sum":
+            hidden = jnp.where(hiders, hidden, 1.0).min()
+            found = jnp.where(seekers, found, -1.0).max()
+        own = jnp.where(hiders, hidden, 0.0) + jnp.where(seekers, found, 0.0)
+        return state.reward + self.scale * own
+
+
+class RestrictAgentsRect(RewardWrapper):
+    """Gives agents outside a rectangle a penalty instead of their reward (OpenAI's RestrictAgentsRect).
+
+    Args:
+        env: what to wrap.
+        rect: x0, y0, x1, y1 in metres; it may be larger than the floor.
+        penalty: what is taken, a positive number.
+        penalize_objects_out: whether every agent gets the penalty while a box or a ramp is outside.
+
+    Raises:
+        ValueError: a rectangle without an inside, or a penalty that is not positive.
+    """
+
+    name = "restrict_agents_rect"
+    precedes = (PreparationPhase,)
+
+    def __init__(
+        self,
+        env: Environment,
+        rect: Sequence[float],
+        penalty: float = 10.0,
+        penalize_objects_out: bool = False,
+    ):
+        super().__init__(env)
+        corners = np.asarray(rect, float)
+        if corners.shape != (4,) or not np.isfinite(corners).all() or not (corners[:2] < corners[2:]).all():
+            raise ValueError(f"rect: got {rect!r}; takes x0, y0, x1, y1 in metres with x0 < x1 and y0 < y1")
+        self.rect, self.penalty = corners, check_positive("penalty", penalty)
+        self.penalize_objects_out = penalize_objects_out
+
+    def reward(self, state: State) -> jax.Array:
+        penalised = self._outside(state, self.base.agents)
+        if self.penalize_objects_out:
+            objects = [m for m in self.base.movables if m is not self.base.agents]
+            out = jnp.stack([self._outside(state, module).any() for module in objects]).any() if objects else False
+            penalised = penalised | (out & state.world.active[self.base.agents.kind])
+        return jnp.where(penalised, -self.penalty, state.reward)
+
+    def _outside(self, state: State, module: Entities) -> jax.Array:
+        xy = state.data.qpos[module.qpos_ids[:, :2]]
+        out = ((xy < self.rect[:2]) | (xy > self.rect[2:])).any(axis=1)
+        return out & state.world.active[module.kind]
+
+
+def _mean(values: jax.Array, of: jax.Array) -> jax.Array:
+    return jnp.where(of, values, 0.0).sum() / jnp.maximum(of.sum(), 1)

@@ -1,0 +1,136 @@
+"""What every wrapper is. The semantics are Gymnasium's, on the state after the step."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, ClassVar, TypeVar
+
+import jax
+from gymnasium import spaces
+
+from maax_mjx.base import Base
+from maax_mjx.env import Environment
+from maax_mjx.params import DomainParams
+from maax_mjx.spaces import space_of
+from maax_mjx.state import State
+
+W = TypeVar("W", bound="Wrapper")
+
+
+class Wrapper(Environment):
+    """An environment around another. Subclass one of its three kinds, or this for all of `reset` and `step`.
+
+    Wrappers are pure: what a wrapper remembers of a world it keeps in `state.mechanics[self.name]`, a pytree of its
+    own, and what it needs of others it reads from `state.data`, `state.world` and `state.mechanics`, never from
+    observations, which a wrapper in between may have changed.
+
+    Args:
+        env: what to wrap.
+
+    Raises:
+        ValueError: not an environment; `env` lacks a wrapper that this one requires, or has one that must be outside
+            it, or has one of this name already.
+    """
+
+    name: ClassVar[str] = ""
+    requires: ClassVar[tuple[type[Wrapper], ...]] = ()
+    """Wrappers that must be inside this one."""
+    precedes: ClassVar[tuple[type[Wrapper], ...]] = ()
+    """Wrappers that must be outside this one, where there are any."""
+
+    def __init__(self, env: Environment):
+        if not isinstance(env, Environment):
+            raise ValueError(f"env: got {env!r}; takes an environment")
+        self.env = env
+        mine = type(self).__name__
+        for kind in self.requires:
+            if find(env, kind) is None:
+                raise ValueError(
+                    f"{mine}: needs {kind.__name__}; wrap with it first: {mine}({kind.__name__}(env, ...))"
+                )
+        for kind in self.precedes:
+            if find(env, kind) is not None:
+                raise ValueError(f"{mine}: env has {kind.__name__} already; wrap with {mine} before it")
+        if self.name and any(layer.name == self.name for layer in layers(env)):
+            raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")
+
+    @property
+    def base(self) -> Base:
+        return self.env.base
+
+    @property
+    def action_space(self) -> spaces.Dict:
+        return self.env.action_space
+
+    @cached_property
+    def observation_space(self) -> spaces.Dict:
+        return space_of(jax.eval_shape(self.reset, jax.random.key(0)).obs)
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        return self.env.reset(key, params)
+
+    def step(self, state: State, action: Any) -> State:
+        return self.env.step(state, action)
+
+    def inner(self, kind: type[W]) -> W:
+        """The wrapper of a kind inside this one; one that this one requires."""
+        found = find(self.env, kind)
+        assert found is not None
+        return found
+
+    def remember(self, state: State, memory: Any) -> State:
+        """The state with what this wrapper keeps of it."""
+        return state.replace(mechanics=state.mechanics | {self.name: memory})
+
+
+class ActionWrapper(Wrapper):
+    """Changes actions before the step: implement `action`, and `action_space` if it takes others."""
+
+    def action(self, state: State, action: Any) -> Any:
+        """What the inner environment gets, from the state before the step and what this one got."""
+        raise NotImplementedError
+
+    def step(self, state: State, action: Any) -> State:
+        return self.env.step(state, self.action(state, action))
+
+
+class ObservationWrapper(Wrapper):
+    """Changes observations: implement `observation`. The space follows from what it gives."""
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        """The observations of the state that a reset or a step led to, whose `obs` are the inner environment's."""
+        raise NotImplementedError
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        state = self.env.reset(key, params)
+        return state.replace(obs=self.observation(state))
+
+    def step(self, state: State, action: Any) -> State:
+        state = self.env.step(state, action)
+        return state.replace(obs=self.observation(state))
+
+
+class RewardWrapper(Wrapper):
+    """Changes rewards: implement `reward`."""
+
+    def reward(self, state: State) -> jax.Array:
+        """(n_agents,) from the state that the step led to, whose `reward` is the inner environment's."""
+        raise NotImplementedError
+
+    def step(self, state: State, action: Any) -> State:
+        state = self.env.step(state, action)
+        return state.replace(reward=self.reward(state))
+
+
+def layers(env: Environment) -> list[Wrapper]:
+    """The wrappers of an environment, the outermost first."""
+    found = []
+    while isinstance(env, Wrapper):
+        found.append(env)
+        env = env.env
+    return found
+
+
+def find(env: Environment, kind: type[W]) -> W | None:
+    """The outermost wrapper of a kind, if there is one."""
+    return next((layer for layer in layers(env) if isinstance(layer, kind)), None)
