@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.capacity import contact_capacity
-from maax_mjx.checks import check_count, check_key
+from maax_mjx.checks import check_choice, check_count, check_key
 from maax_mjx.composition import check_module
 from maax_mjx.env import Environment
 from maax_mjx.generation import draw_layout
@@ -117,6 +117,19 @@ class Base(Environment):
     def movables(self) -> list[Entities]:
         """The modules of what can move, if they hold anything."""
         return [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max and not m.static]
+
+    def movable(self, name: str) -> Entities:
+        """The module of that name.
+
+        Raises:
+            ValueError: there is none, or its objects cannot move.
+        """
+        check_choice(
+            "objects", name, [m.name for m in self._modules.values() if isinstance(m, Entities) and not m.static]
+        )
+        module = self._modules[name]
+        assert isinstance(module, Entities)
+        return module
 
     @property
     def sites(self) -> dict[str, Sites]:
@@ -241,8 +254,7 @@ class Base(Environment):
         fields = {name: layout.fields[name][ids] for name, ids in self.overlay.items()}
         world = World(fields, layout.active, layout.extents, layout.sites, layout.plan, layout.valid)
         data = self.engine.init(world, layout.qpos)
-        if self._limits is not None:
-            world = self._limits.write(world, data, self.overlay)
+        world = self.bounded(world, data)
         no = jnp.zeros((), bool)
         return State(
             data=data,
@@ -273,8 +285,7 @@ class Base(Environment):
         world, after, overflow = self._advance(state.world, before)
         fault = self._fault(world, after) | jnp.isnan(ctrl).any()
         after = contain(fault, before, after.replace(engine=engine.renew(after.engine, fault)))
-        if self._limits is not None:
-            world = self._limits.write(world, after, self.overlay)
+        world = self.bounded(world, after)
         data = engine.pose(world, after)
         step = state.step + 1
         return state.replace(
@@ -292,16 +303,19 @@ class Base(Environment):
             },
         )
 
+    def bounded(self, world: World, data: Data) -> World:
+        """The world with the joint ranges that end at the edge of the arena, where it has any."""
+        return world if self._limits is None else self._limits.write(world, data, self.overlay)
+
     def _advance(self, world: World, data: Data) -> tuple[World, Data, jax.Array]:
         """All physics steps of an env step; the arena's limits follow every one, since boxes turn."""
-        limits, overlay = self._limits, self.overlay
-        if limits is None or self.n_frames == 1:
+        if self._limits is None or self.n_frames == 1:
             return world, *self.engine.advance(world, data, self.n_frames)
 
         def frame(carry: tuple[World, Data], _: None) -> tuple[tuple[World, Data], jax.Array]:
             world, data = carry
             data, overflow = self.engine.advance(world, data, 1)
-            return (limits.write(world, data, overlay), data), overflow
+            return (self.bounded(world, data), data), overflow
 
         (world, data), overflow = jax.lax.scan(frame, (world, data), length=self.n_frames)
         return world, data, overflow.any()

@@ -69,6 +69,7 @@ def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
     for element in _child(root, "actuator"):
         element.set("gear", _numbers(model.actuator(element.get("name")).gear))
     _write_sites(root, env, one)
+    _write_equalities(root, model, one.data.eq_active)
     option = _child(root, "option")
     option.set("timestep", _numbers([model.opt.timestep]))
     option.set("gravity", _numbers(model.opt.gravity))
@@ -114,6 +115,18 @@ def _write_geoms(root: ET.Element, model: mujoco.MjModel, env: Environment) -> N
         if element.get("mesh") is None:
             element.set("pos", _numbers(geom.pos))
             element.set("size", _numbers(geom.size))
+
+
+def _write_equalities(root: ET.Element, model: mujoco.MjModel, active: Any) -> None:
+    for element in _child(root, "equality"):
+        equality = model.eq(element.get("name"))
+        data = model.eq_data[equality.id]
+        element.set("active", "true" if active[equality.id] else "false")
+        if element.tag == "joint":
+            element.set("polycoef", _numbers(data[:5]))
+        else:
+            element.set("anchor", _numbers(data[:3]))
+            element.set("relpose", _numbers(data[3:10]))
 
 
 def _write_sites(root: ET.Element, env: Environment, state: State) -> None:

@@ -52,7 +52,10 @@ class ArenaLimits:
         """The world with the ranges in it that belong to its state; after `joint_ids`."""
         ranges = world.fields["jnt_range"]
         rows = np.searchsorted(overlay["jnt_range"], self._ids)
-        return world.replace(fields=world.fields | {"jnt_range": ranges.at[rows].set(self._ranges(world, data))})
+        # A closed range is a lock, and stays.
+        locked = (ranges[rows, 0] == ranges[rows, 1])[:, None]
+        new = jnp.where(locked, ranges[rows], self._ranges(world, data))
+        return world.replace(fields=world.fields | {"jnt_range": ranges.at[rows].set(new)})
 
     def _ranges(self, world: World, data: Data) -> jax.Array:
         """(2 n, 2) metres, in the order of `joint_ids`; wide open for what is not in play."""

@@ -18,9 +18,9 @@ from maax_mjx.params import DomainParams
 from maax_mjx.physics import Data, Fields, Overlay, World
 from maax_mjx.physics.overlay import (
     BOX_FIELDS,
-    MASS_FIELDS,
     SIZE_FIELDS,
     cylinder_inertia,
+    mass_rows,
     set_cylinders,
     set_masses,
 )
@@ -80,14 +80,12 @@ class Cylinders(Entities):
 
     @property
     def overlay(self) -> Overlay:
-        overlay = super().overlay
         if self.static:
-            del overlay["body_gravcomp"]
-            return overlay | dict.fromkeys(BOX_FIELDS, self.geom_ids)
-        if self.sizes_vary:
-            overlay |= dict.fromkeys(SIZE_FIELDS, self.geom_ids)
-            overlay |= dict.fromkeys(MASS_FIELDS, self.body_ids) | {"dof_invweight0": self.qvel_ids.reshape(-1)}
-        return overlay
+            return self.friction_rows | dict.fromkeys(BOX_FIELDS, self.geom_ids)
+        if not self.sizes_vary:
+            return super().overlay
+        sizes = dict.fromkeys(SIZE_FIELDS, self.geom_ids)
+        return super().overlay | sizes | mass_rows(self.body_ids, self.qvel_ids)
 
     def make(self, name: str) -> Obj:
         rgba = (0.55, 0.45, 0.7, 1.0)

@@ -78,8 +78,13 @@ class Entities(Placed):
 
     @property
     def overlay(self) -> Overlay:
+        return {"body_gravcomp": self.body_ids} | self.friction_rows
+
+    @property
+    def friction_rows(self) -> Overlay:
+        """The rows of their friction, where it is drawn."""
         varies = self.friction is not None and self.friction.varies
-        return {"body_gravcomp": self.body_ids} | ({"geom_friction": self.all_geom_ids} if varies else {})
+        return {"geom_friction": self.all_geom_ids} if varies else {}
 
     @property
     def contact_points(self) -> float:

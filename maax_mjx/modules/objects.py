@@ -15,7 +15,7 @@ from maax_mjx.modules.placed import Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Data, Fields, Overlay, World
-from maax_mjx.physics.overlay import MASS_FIELDS, SIZE_FIELDS, box_inertia, set_boxes, set_masses
+from maax_mjx.physics.overlay import SIZE_FIELDS, box_inertia, mass_rows, set_boxes, set_masses
 from maax_mjx.worldgen import Geom, Obj, Wedge
 
 RAMP_SIZE = 0.5
@@ -105,7 +105,7 @@ class Boxes(Entities):
         if self.sizes_vary:
             overlay |= dict.fromkeys(SIZE_FIELDS, self.geom_ids)
         if self.sizes_vary or self.mass.varies:
-            overlay |= dict.fromkeys(MASS_FIELDS, self.body_ids) | {"dof_invweight0": self.qvel_ids.reshape(-1)}
+            overlay |= mass_rows(self.body_ids, self.qvel_ids)
         return overlay
 
     @property

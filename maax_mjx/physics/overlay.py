@@ -8,11 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.physics.world import Fields
+from maax_mjx.physics.world import Fields, Overlay
 
 SIZE_FIELDS = ("geom_size", "geom_rbound", "geom_aabb")
 BOX_FIELDS = ("geom_pos", *SIZE_FIELDS)
-MASS_FIELDS = ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "dof_invweight0")
+BODY_FIELDS = ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0")
+DOF_FIELDS = ("dof_M0", "dof_invweight0")
+
+
+def mass_rows(bodies: np.ndarray, dofs: np.ndarray) -> Overlay:
+    """The rows that `set_masses` writes."""
+    return dict.fromkeys(BODY_FIELDS, bodies) | dict.fromkeys(DOF_FIELDS, dofs.reshape(-1))
 
 
 def set_boxes(fields: Mapping[str, jax.Array], ids: np.ndarray, half: jax.Array) -> Fields:
@@ -47,30 +53,33 @@ def set_masses(
     """Sets the mass of bodies that hang on the world by slides and turning joints, or by a free joint.
 
     The inverse weights, by which MuJoCo scales constraints, are those of `mj_setConst`: of slides 1 / mass, of hinges
-    1 / inertia, of a free joint's rotations the mean of these.
+    1 / inertia, of a free joint's rotations the mean of these. `dof_M0` is what C MuJoCo takes for the mass matrix of
+    such bodies.
 
     Args:
-        fields: whole model fields, `MASS_FIELDS` among them.
+        fields: whole model fields, those of `mass_rows` among them.
         bodies: (n,) body ids.
         dofs: (n, 4) dof ids of x, y, z and yaw; (n, 6) of a free joint.
         mass: (n,) kg.
         inertia: (n, 3) about the body's axes, kg m^2.
     """
-    light, turning = 1 / mass[:, None], 1 / inertia
-    mean = turning.mean(axis=1, keepdims=True)
+    heavy = jnp.repeat(mass[:, None], 3, axis=1)
     if dofs.shape[1] == 4:
-        turning = turning[:, 2:]
+        about = inertia[:, 2:]
+        turning = 1 / about
         mean = turning / 3
     else:
+        about = inertia
+        mean = (1 / about).mean(axis=1, keepdims=True)
         turning = jnp.repeat(mean, 3, axis=1)
+    light = 1 / heavy
     return dict(fields) | {
         "body_mass": fields["body_mass"].at[bodies].set(mass),
         "body_inertia": fields["body_inertia"].at[bodies].set(inertia),
         "body_subtreemass": fields["body_subtreemass"].at[bodies].set(mass),
-        "body_invweight0": fields["body_invweight0"].at[bodies].set(jnp.concatenate([light, mean], axis=1)),
-        "dof_invweight0": fields["dof_invweight0"]
-        .at[dofs]
-        .set(jnp.concatenate([jnp.repeat(light, 3, axis=1), turning], axis=1)),
+        "body_invweight0": fields["body_invweight0"].at[bodies].set(jnp.concatenate([light[:, :1], mean], axis=1)),
+        "dof_M0": fields["dof_M0"].at[dofs].set(jnp.concatenate([heavy, about], axis=1)),
+        "dof_invweight0": fields["dof_invweight0"].at[dofs].set(jnp.concatenate([light, turning], axis=1)),
     }
 
 
