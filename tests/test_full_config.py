@@ -9,7 +9,7 @@ from scipy import stats
 
 import maax_mjx as maax
 
-N, BATCH = 10_000, 1_000
+N, BATCH = 10_000, 500
 FLOOR, CELL, G, RADIUS = 6.0, 0.2, 30, 0.15
 TOL, P_MIN = 1e-4, 1e-3
 RAMP = 0.5
