@@ -2,6 +2,7 @@
 
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.locks import LockObjects
 from maax_mjx.wrappers.observations import (
     ConcatenateObservations,
     FlattenObservations,
@@ -11,6 +12,7 @@ from maax_mjx.wrappers.observations import (
 )
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
+from maax_mjx.wrappers.senses import Lidar, LineOfSight
 from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, RewardWrapper, Wrapper, find, layers
 
@@ -21,6 +23,9 @@ __all__ = [
     "DiscretizeActions",
     "FlattenObservations",
     "HideAndSeekReward",
+    "Lidar",
+    "LineOfSight",
+    "LockObjects",
     "ObservationWrapper",
     "PreparationPhase",
     "RestrictAgentsRect",

@@ -14,6 +14,7 @@ from maax_mjx.modules import Entities
 from maax_mjx.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.senses import LineOfSight
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import RewardWrapper
 
@@ -23,34 +24,37 @@ REW_TYPES = ("selfish", "team_mean", "team_zero_sum")
 class HideAndSeekReward(RewardWrapper):
     """Adds +1 to hiders that no seeker has, else -1, and +1 to seekers that have a hider, else -1.
 
-    The rule is that of Baker et al. and of the thesis (5.2.2), by contact: who touches, has. Absent agents neither get
-    nor give anything. Of teams 0 and 1 of `TeamMembership`.
+    The rule is that of Baker et al. (by vision: who sees, has) and of the thesis (5.2.2; by contact: who touches, has).
+    Absent agents neither get nor give anything. Of teams 0 and 1 of `TeamMembership`.
 
     Args:
         env: what to wrap.
         rew_type: "selfish" (each its own), "team_mean" (the mean of its team), "team_zero_sum" (hiders the least of
             their team, seekers the most, so that one caught hider loses for all).
+        by: "contact" or "vision".
         scale: what the reward is multiplied with.
 
     Raises:
-        ValueError: an unknown type, a scale that is not positive, or a missing wrapper.
+        ValueError: an unknown type or `by`, a scale that is not positive, or a missing wrapper.
     """
 
     name = "hide_and_seek_reward"
-    requires = (TeamMembership, AgentAgentContactMask2D)
+    requires = (TeamMembership,)
     precedes = (PreparationPhase,)
 
-    def __init__(self, env: Environment, rew_type: str = "selfish", scale: float = 1.0):
+    def __init__(self, env: Environment, rew_type: str = "selfish", by: str = "contact", scale: float = 1.0):
         super().__init__(env)
         self.rew_type = check_choice("rew_type", rew_type, REW_TYPES)
         self.scale = check_positive("scale", scale)
+        self.by = check_choice("by", by, ("contact", "vision"))
+        self.inner(AgentAgentContactMask2D if by == "contact" else LineOfSight)
         teams = self.inner(TeamMembership)
         self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)
 
     def reward(self, state: State) -> jax.Array:
         active = state.world.active[self.base.agents.kind]
         hiders, seekers = active & self._hiders, active & self._seekers
-        has = state.mechanics[AgentAgentContactMask2D.name] & seekers[:, None] & hiders
+        has = self._mask(state) & seekers[:, None] & hiders
         hidden = jnp.where(has.any(axis=0), -1.0, 1.0)
         found = jnp.where(has.any(axis=1), 1.0, -1.0)
         if self.rew_type == "team_mean":
@@ -60,6 +64,12 @@ class HideAndSeekReward(RewardWrapper):
             found = jnp.where(seekers, found, -1.0).max()
         own = jnp.where(hiders, hidden, 0.0) + jnp.where(seekers, found, 0.0)
         return state.reward + self.scale * own
+
+    def _mask(self, state: State) -> jax.Array:
+        """(n_agents, n_agents) bool: who has whom."""
+        if self.by == "contact":
+            return state.mechanics[AgentAgentContactMask2D.name]
+        return state.mechanics[LineOfSight.name]["sees_agents"]
 
 
 class RestrictAgentsRect(RewardWrapper):

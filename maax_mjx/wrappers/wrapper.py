@@ -44,10 +44,7 @@ class Wrapper(Environment):
         self.env = env
         mine = type(self).__name__
         for kind in self.requires:
-            if find(env, kind) is None:
-                raise ValueError(
-                    f"{mine}: needs {kind.__name__}; wrap with it first: {mine}({kind.__name__}(env, ...))"
-                )
+            self.inner(kind)
         for kind in self.precedes:
             if find(env, kind) is not None:
                 raise ValueError(f"{mine}: env has {kind.__name__} already; wrap with {mine} before it")
@@ -73,9 +70,15 @@ class Wrapper(Environment):
         return self.env.step(state, action)
 
     def inner(self, kind: type[W]) -> W:
-        """The wrapper of a kind inside this one; one that this one requires."""
+        """The wrapper of a kind inside this one.
+
+        Raises:
+            ValueError: there is none.
+        """
         found = find(self.env, kind)
-        assert found is not None
+        if found is None:
+            mine, other = type(self).__name__, kind.__name__
+            raise ValueError(f"{mine}: needs {other}; wrap with it first: {mine}({other}(env, ...))")
         return found
 
     def remember(self, state: State, memory: Any) -> State:

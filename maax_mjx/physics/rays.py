@@ -1,0 +1,140 @@
+"""Rays against the geoms of a world: what `mujoco.mj_ray` finds, for all rays and geoms in one fused computation.
+
+Every geom is convex, so that a ray is inside it over one interval (enter, leave) of distances; planes are left out.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from maax_mjx.physics.data import Data
+from maax_mjx.physics.world import Overlay, World
+
+BOX, SPHERE = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_SPHERE)
+CYLINDER, MESH = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_MESH)
+PARALLEL = 1e-9
+
+Interval = tuple[jax.Array, jax.Array]
+
+
+class Rays:
+    """Casts rays in worlds of one model.
+
+    Args:
+        model: the compiled model; its meshes are taken as their convex hulls.
+        overlay: the rows in which worlds differ.
+    """
+
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay):
+        self._size = model.geom_size
+        self._size_rows = overlay.get("geom_size", np.zeros(0, int))
+        of_type = {kind: np.flatnonzero(model.geom_type == kind) for kind in (BOX, SPHERE, CYLINDER, MESH)}
+        self._ids = {kind: ids for kind, ids in of_type.items() if len(ids)}
+        order = np.concatenate([np.zeros(0, int), *self._ids.values()])
+        self._body = model.geom_bodyid[order]
+        self._geom = order
+        meshes = [int(model.geom_dataid[geom]) for geom in self._ids.get(MESH, ())]
+        self._planes = _stacked([_hull_planes(model, mesh) for mesh in meshes])
+
+    def cast(
+        self, world: World, data: Data, origin: jax.Array, direction: jax.Array, without: jax.Array | np.ndarray
+    ) -> tuple[jax.Array, jax.Array]:
+        """The nearest hit of every ray.
+
+        Args:
+            world: the world.
+            data: its state, with the poses that belong to it.
+            origin: (n, 3) metres.
+            direction: (n, 3) of unit length.
+            without: (n,) ids of the bodies that rays do not see: those that they come from.
+
+        Returns:
+            (n,) distances in metres, infinite where nothing is hit; (n,) int32 ids of the geoms that were hit, -1 for
+            none. A ray that starts inside a geom hits it where it leaves it, as of `mj_ray`.
+        """
+        size = jnp.asarray(self._size, origin.dtype)
+        if self._size_rows.size:
+            size = size.at[self._size_rows].set(world.fields["geom_size"])
+        intervals = [self._through(kind, ids, size, data, origin, direction) for kind, ids in self._ids.items()]
+        if not intervals:
+            return jnp.full(len(origin), jnp.inf), jnp.full(len(origin), -1, jnp.int32)
+        enter, leave = (jnp.concatenate(parts, axis=1) for parts in zip(*intervals, strict=True))
+        hit = jnp.where(enter >= 0, enter, leave)
+        seen = (enter <= leave) & (leave >= 0) & (jnp.asarray(without)[:, None] != self._body)
+        distance = jnp.where(seen, hit, jnp.inf)
+        nearest = distance.argmin(axis=1)
+        found = distance.min(axis=1)
+        return found, jnp.where(jnp.isfinite(found), jnp.asarray(self._geom)[nearest], -1).astype(jnp.int32)
+
+    def _through(
+        self, kind: int, ids: np.ndarray, size: jax.Array, data: Data, origin: jax.Array, direction: jax.Array
+    ) -> Interval:
+        """(n, n_geoms) each: where rays enter and leave the geoms of one kind."""
+        pos, mat, size = data.geom_xpos[ids], data.geom_xmat[ids], size[ids]
+        offset = origin[:, None] - pos
+        if kind == SPHERE:
+            return _sphere(offset, direction[:, None], size[:, 0])
+        # Into the geoms' frames: v @ mat is mat.T applied to v.
+        start = (offset[..., None] * mat).sum(axis=-2)
+        along = (direction[:, None, :, None] * mat).sum(axis=-2)
+        if kind == BOX:
+            return _slabs(start, along, size)
+        if kind == CYLINDER:
+            return _cylinder(start, along, size)
+        return _convex(start, along, self._planes)
+
+
+def _sphere(offset: jax.Array, direction: jax.Array, radius: jax.Array) -> Interval:
+    along = (offset * direction).sum(axis=-1)
+    inside = along**2 - (offset**2).sum(axis=-1) + radius**2
+    half = jnp.sqrt(jnp.maximum(inside, 0.0))
+    return jnp.where(inside >= 0, -along - half, jnp.inf), jnp.where(inside >= 0, -along + half, -jnp.inf)
+
+
+def _slabs(start: jax.Array, along: jax.Array, half: jax.Array) -> Interval:
+    along = jnp.where(jnp.abs(along) < PARALLEL, PARALLEL, along)
+    low, high = (-half - start) / along, (half - start) / along
+    return jnp.minimum(low, high).max(axis=-1), jnp.maximum(low, high).min(axis=-1)
+
+
+def _cylinder(start: jax.Array, along: jax.Array, size: jax.Array) -> Interval:
+    flat = along[..., :2]
+    a = jnp.maximum((flat**2).sum(axis=-1), PARALLEL)
+    b = (start[..., :2] * flat).sum(axis=-1)
+    inside = b**2 - a * ((start[..., :2] ** 2).sum(axis=-1) - size[:, 0] ** 2)
+    half = jnp.sqrt(jnp.maximum(inside, 0.0))
+    enter, leave = _slabs(start[..., 2:], along[..., 2:], size[:, 1:2])
+    enter, leave = jnp.maximum(enter, (-b - half) / a), jnp.minimum(leave, (-b + half) / a)
+    return jnp.where(inside >= 0, enter, jnp.inf), jnp.where(inside >= 0, leave, -jnp.inf)
+
+
+def _convex(start: jax.Array, along: jax.Array, planes: np.ndarray) -> Interval:
+    """`planes` (n_geoms, n_planes, 4): outward normals, and how far out the planes are."""
+    normal, out = planes[..., :3], planes[..., 3]
+    speed = (along[..., None, :] * normal).sum(axis=-1)
+    gap = out - (start[..., None, :] * normal).sum(axis=-1)
+    parallel = jnp.abs(speed) < PARALLEL
+    reach = gap / jnp.where(parallel, 1.0, speed)
+    enter = jnp.where(parallel, jnp.where(gap < 0, jnp.inf, -jnp.inf), jnp.where(speed < 0, reach, -jnp.inf))
+    leave = jnp.where(parallel | (speed < 0), jnp.inf, reach)
+    return enter.max(axis=-1), leave.min(axis=-1)
+
+
+def _hull_planes(model: mujoco.MjModel, mesh: int) -> np.ndarray:
+    """(n_planes, 4) of a mesh's convex hull in its own frame."""
+    from scipy.spatial import ConvexHull  # here, since importing it takes half a second
+
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    equations = ConvexHull(model.mesh_vert[first : first + count]).equations
+    planes = np.unique(np.round(equations, 7), axis=0)
+    return np.concatenate([planes[:, :3], -planes[:, 3:]], axis=1).astype(np.float32)
+
+
+def _stacked(hulls: list[np.ndarray]) -> np.ndarray:
+    """(n_geoms, n_planes, 4): filled up with each hull's first plane."""
+    most = max((len(planes) for planes in hulls), default=0)
+    filled = [np.concatenate([planes, np.repeat(planes[:1], most - len(planes), axis=0)]) for planes in hulls]
+    return np.stack(filled) if filled else np.zeros((0, 0, 4), np.float32)

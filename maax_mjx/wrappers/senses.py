@@ -1,0 +1,130 @@
+"""What agents see: who is in sight, and how far things are around them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.checks import check_choice, check_count, check_positive
+from maax_mjx.env import Environment
+from maax_mjx.params import DomainParams
+from maax_mjx.physics.rays import Rays
+from maax_mjx.state import State
+from maax_mjx.wrappers.wrapper import ObservationWrapper, Wrapper
+
+CONE = 3 * np.pi / 4
+FRAMES = ("world", "agent")
+
+
+class _Senses(Wrapper):
+    @cached_property
+    def _rays(self) -> Rays:
+        return Rays(self.base.model, self.base.overlay)
+
+    def _eyes(self, state: State) -> tuple[jax.Array, jax.Array]:
+        """(n_agents, 3) where agents look from, and (n_agents,) radians where to: yaw - pi / 2."""
+        agents = self.base.agents
+        return state.data.xpos[agents.body_ids], state.data.qpos[agents.qpos_ids[:, 3]] - jnp.pi / 2
+
+
+class LineOfSight(_Senses):
+    """Adds `sees_agents` (n_agents, n_agents), `sees_boxes` (n_agents, n_boxes), ... bool: who is seen by whom.
+
+    Seen is what is in the cone ahead, as seen from above, and the first thing that a ray from centre to centre meets
+    (Baker et al.). Agents see themselves; absent ones see nothing and are not seen.
+
+    Args:
+        env: what to wrap.
+        cone: its full angle in radians; 135 degrees.
+        objects: names of the modules that can be seen, besides the agents.
+
+    Raises:
+        ValueError: an angle that is not in (0, 2 pi], or an unknown module.
+    """
+
+    name = "line_of_sight"
+
+    def __init__(self, env: Environment, cone: float = CONE, objects: Sequence[str] = ("boxes", "ramps")):
+        super().__init__(env)
+        if check_positive("cone", cone) > 2 * np.pi:
+            raise ValueError(f"cone: got {cone!r}; takes an angle in radians, up to 2 pi")
+        self.half_cone = cone / 2
+        modules = [self.base.agents, *(self.base.movable(name) for name in objects)]
+        self.modules = [module for module in modules if module.n_max]
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        return self._looked(self.env.reset(key, params))
+
+    def step(self, state: State, action: Any) -> State:
+        return self._looked(self.env.step(state, action))
+
+    def _looked(self, state: State) -> State:
+        bodies = np.concatenate([m.body_ids for m in self.modules])
+        eyes, heading = self._eyes(state)
+        n = len(eyes)
+        to = state.data.xpos[bodies] - eyes[:, None]
+        away = jnp.linalg.norm(to, axis=-1)
+        turn = jnp.arctan2(to[..., 1], to[..., 0]) - heading[:, None]
+        turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
+        direction = (to / jnp.maximum(away, 1e-6)[..., None]).reshape(-1, 3)
+        own = np.repeat(self.base.agents.body_ids, len(bodies))
+        _, geom = self._rays.cast(state.world, state.data, jnp.repeat(eyes, len(bodies), axis=0), direction, own)
+        met = jnp.asarray(self.base.model.geom_bodyid)[geom].reshape(n, -1)
+        there = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
+        itself = bodies == self.base.agents.body_ids[:, None]
+        seen = ((jnp.abs(turn) <= self.half_cone) & (met == bodies) & (geom >= 0).reshape(n, -1)) | itself
+        seen &= there & state.world.active[self.base.agents.kind][:, None]
+        parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
+        masks = {f"sees_{m.name}": part for m, part in zip(self.modules, parts, strict=True)}
+        return self.remember(state, masks).replace(obs=state.obs | masks)
+
+
+class Lidar(_Senses, ObservationWrapper):
+    """Adds `lidar` (n_agents, n_rays, 1): distances in metres to the first thing around, at the height of the agent.
+
+    Rays spread evenly over the full circle. What is further than `range` is not seen, and reads `range`.
+
+    Args:
+        env: what to wrap.
+        n_rays: how many per agent.
+        range: metres.
+        frame: "world": the first ray points along x, whatever the agent's heading (OpenAI's); "agent": it points ahead.
+        compress: a scale in metres, or None: distances are given as `scale * tanh(distance / scale)`.
+
+    Raises:
+        ValueError: fewer than one ray, an unknown frame, a range or a scale that is not positive.
+    """
+
+    name = "lidar"
+
+    def __init__(
+        self,
+        env: Environment,
+        n_rays: int = 30,
+        range: float = 6.0,
+        frame: str = "world",
+        compress: float | None = None,
+    ):
+        super().__init__(env)
+        self.n_rays = check_count("n_rays", n_rays, minimum=1)
+        self.range = check_positive("range", range)
+        self.frame = check_choice("frame", frame, FRAMES)
+        self.compress = None if compress is None else check_positive("compress", compress)
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        eyes, heading = self._eyes(state)
+        angle = jnp.arange(self.n_rays) * (2 * jnp.pi / self.n_rays)
+        angle = angle + heading[:, None] * (self.frame == "agent")
+        direction = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)], axis=-1).reshape(-1, 3)
+        own = np.repeat(self.base.agents.body_ids, self.n_rays)
+        distance, _ = self._rays.cast(state.world, state.data, jnp.repeat(eyes, self.n_rays, axis=0), direction, own)
+        distance = jnp.minimum(distance, self.range).reshape(-1, self.n_rays, 1)
+        if self.compress is not None:
+            distance = self.compress * jnp.tanh(distance / self.compress)
+        active = state.world.active[self.base.agents.kind][:, None, None]
+        return state.obs | {"lidar": jnp.where(active, distance, 0.0)}
