@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import ceil
 
-from maax_mjx.layout.grid import CELL_EPS
+from maax_mjx.layout.grid import CELL_EPS, JAMMING
 from maax_mjx.modules import Module, Placed
-
-JAMMING = 0.56
-"""Share of an area that equal squares, placed at random one after the other, fill before none fits (Feder 1980)."""
 
 MIN_CONTACTS = 16
 
@@ -37,7 +34,11 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
     module, (width, height) = max(footprints, key=lambda f: f[1][0] * f[1][1])
     free = grid_size**2 - sum(m.wall_cells(grid_size) for m in modules)
     room = int(JAMMING * free / (width * height))
-    if max(width, height) > grid_size or sum(w * h for _, (w, h) in footprints) > JAMMING * free:
+    if max(width, height) > grid_size:
+        raise ValueError(
+            f"{module.name}: got an object of {width} x {height} cells; the floor takes up to {grid_size} x {grid_size}"
+        )
+    if sum(w * h for _, (w, h) in footprints) > JAMMING * free:
         counts = ", ".join(f"{len(m.extents)} {m.name}" for m in modules if m.extents)
         raise ValueError(
             f"n_{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "

@@ -49,6 +49,7 @@ def check_range(name: str, value: Any, low: float = 0.0, high: float = np.inf, *
     inside = all(_is_number(v) and low <= v <= high and abs(v) < np.inf and not (above and v == low) for v in pair)
     if not inside or not pair[0] <= pair[1]:
         least = "a positive number" if above and low == 0 else f"a number of at least {low:g}"
+        least = least if low > -np.inf else "a finite number"
         takes = least if high == np.inf else f"a number in [{low:g}, {high:g}]"
         raise ValueError(f"{name}: got {value!r}; takes {takes}, or (low, high) with low <= high")
     return float(pair[0]), float(pair[1])

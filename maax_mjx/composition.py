@@ -32,9 +32,16 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
         )
     if module.wall_cells(grid_size) and any(m.extents for m in before):
         raise ValueError(f"module: {type(module).__name__} comes after what it would be built over; add walls first")
+    for other in before:
+        shared = sorted({p.name for p in other.parameters} & {p.name for p in module.parameters})
+        if shared:
+            raise ValueError(
+                f"module: {type(module).__name__} has a parameter {shared[0]!r}, as {type(other).__name__} has; "
+                "takes names of its own"
+            )
     modules = [*before, module]
     for m in modules:
         if isinstance(m, Entities) and m.free and any(other.limits_arena for other in modules):
             raise ValueError(f"free: {type(m).__name__} got True; a free joint has no range for outer='limits'")
-    module.check(grid_size)
+    module.check(grid_size, floor_size)
     check_room(modules, grid_size, floor_size)

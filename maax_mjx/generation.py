@@ -52,6 +52,7 @@ def _empty_layout(env: Base, attempt: jax.Array, floor_size: jax.Array) -> Layou
         objects={},
         extents={},
         sites={},
+        offset=jnp.zeros(2),
         valid=jnp.ones((), bool),
         attempt=attempt,
     )

@@ -139,7 +139,8 @@ def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead
         if is_traced(params[name]):
             continue
         value = np.asarray(params[name]).reshape(-1, 2)
-        wrong = (value[:, 0] > value[:, 1]) | (value[:, 0] < p.bound[0]) | (value[:, 1] > p.bound[1])
+        # Written so that NaN is wrong.
+        wrong = ~((value[:, 0] <= value[:, 1]) & (value[:, 0] >= p.bound[0]) & (value[:, 1] <= p.bound[1]))
         if wrong.any():
             low, high = value[wrong.argmax()]
             raise ValueError(

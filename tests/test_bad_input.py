@@ -59,7 +59,7 @@ POSITIVE = "takes a positive number"
 NO_QUAD = ("placement_fn: Agents", "there is none", 'add WallScenarios(scenario="quad")')
 NO_DOOR = ("door_size: got 15 cells", "takes 0 to 13")
 NO_ROOM = ("boxes: got 54 objects", "50 boxes", "the floor takes 46", "754 free")
-COLOURS = "takes 2 colours of four numbers, one per agent"
+COLOURS = "takes 2 colours of four numbers in [0, 1], one each"
 
 CONSTRUCTION = {
     "scenario": (
@@ -94,7 +94,47 @@ CONSTRUCTION = {
     "door of a small grid": (lambda: base(1, WallScenarios("quad", 4), grid_size=8), "door_size: got 4", "0 to 2"),
     "door negative": (lambda: WallScenarios("quad", -1), "door_size: got -1", "takes a whole number of at least 0"),
     "no room": (lambda: standard(n_boxes=50, n_ramps=0), *NO_ROOM),
-    "no room for one": (lambda: base(1, Boxes(1, box_size=7.0)), "boxes: got 1 objects", "35 x 35", "takes 0"),
+    "no room for one": (
+        lambda: base(1, Boxes(1, box_size=7.0)),
+        "boxes: got an object of 35 x 35 cells",
+        "takes up to 30 x 30",
+    ),
+    "parameter twice": (
+        lambda: base(2, Agents({"boxes": 2}), Boxes((1, 4))),
+        "module: Boxes has a parameter 'n_boxes', as Agents has",
+    ),
+    "team name": (lambda: Agents({"my team": 2}), "n_agents: got a team named 'my team'", "identifiers"),
+    "teams of none": (lambda: Agents({"hiders": 0}), "n_agents: got {'hiders': 0}", "takes at least one agent"),
+    "team range": (lambda: Agents({"hiders": (3, 1)}), "n_agents['hiders']: got (3, 1)", "low <= high"),
+    "too many rooms": (lambda: base(1, maax.RandomWalls(14)), "n_rooms: got 14", "takes at most 9 of min_room_size 6"),
+    "narrow door": (lambda: base(1, WallScenarios(), grid_size=100), "an opening of 0.21 m", "at least 0.32 m"),
+    "probabilities nan": (
+        lambda: WallScenarios(["quad", "tri"], probabilities=[NAN, 1]),
+        "probabilities: got [nan, 1]",
+    ),
+    "probabilities string": (lambda: WallScenarios(["quad", "tri"], probabilities="ab"), "probabilities: got 'ab'"),
+    "scenario number": (lambda: WallScenarios(5), "scenario: got 5", "takes one of"),
+    "dropout without quadrant": (
+        lambda: WallScenarios("half", p_door_dropout=0.5),
+        "p_door_dropout: got 0.5",
+        "takes 0",
+    ),
+    "outer": (lambda: WallScenarios(outer="fence"), "outer: got 'fence'", "takes one of"),
+    "no outer walls to drop": (lambda: WallScenarios(outer="none", prob_outside_walls=0.5), "there are no outer walls"),
+    "elongated": (lambda: Boxes(2, n_elongated_boxes=3), "n_elongated_boxes: got 3", "takes at most 2"),
+    "mass": (lambda: Boxes(1, box_mass=(2.0, 1.0)), "box_mass: got (2.0, 1.0)", "low <= high"),
+    "damping": (lambda: Agents(1, damping=-1), "damping: got -1", "at least 0"),
+    "gear": (lambda: Agents(1, gear=0), "gear: got 0", POSITIVE),
+    "diameter": (lambda: maax.Cylinders(1, diameter=-1), "diameter: got -1", POSITIVE),
+    "floor friction": (lambda: maax.FloorAttributes("ice"), "friction: got 'ice'", "takes a number"),
+    "floor colour": (lambda: maax.FloorAttributes(rgba=5), "rgba: got 5", "four numbers"),
+    "gravity": (lambda: maax.WorldConstants(NAN), "gravity: got nan", "takes a finite number"),
+    "food size": (lambda: maax.Food(1, food_size=0), "food_size: got 0", POSITIVE),
+    "floor range": (lambda: Base(1, floor_size=(6.0, 4.0)), "floor_size: got (6.0, 4.0)", "low <= high"),
+    "in the quadrant": (
+        lambda: base(1, WallScenarios(), Boxes(20, maax.all_of(maax.quad_placement, maax.uniform_placement))),
+        "placement_fn: got 20 objects of 180 cells in the quadrant",
+    ),
     "horizon": (lambda: standard(horizon=0), "horizon: got 0", ONE),
     "n_frames": (lambda: standard(n_frames=0), "n_frames: got 0", ONE),
     "grid_size": (lambda: standard(grid_size=7), "grid_size: got 7", "takes a whole number of at least 8"),
@@ -198,6 +238,12 @@ HOLDS_NAN = ("action: 'move' holds NaN", "takes numbers in [-1, 1]")
 ABOVE = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 3")
 ABOVE_SMALL = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 2")
 REVERSED = ("params: n_boxes is (2, 1)", "0 <= low <= high <= 3")
+
+
+def nothing(env):
+    return env.default_params.replace(prob_outside_walls=NAN)
+
+
 BATCH_OF_PARAMS = ("params: prob_outside_walls has shape (3, 2)", "takes (2,)")
 FOREIGN = (
     "params: got ranges for ['n_agents', 'n_boxes']",
@@ -264,6 +310,7 @@ CALLS = {
     "params nan": (lambda k: k.ranges.check_params(floats(k.ranges, (NAN, 1.0))), "n_boxes", "nan"),
     "params float": (lambda k: k.ranges.check_params(floats(k.ranges, (0.5, 1.0))), "n_boxes", "0.5"),
     "params of a batch": (lambda k: k.ranges.reset(k.key, per_world(k.ranges, 3)), *BATCH_OF_PARAMS),
+    "params with nan": (lambda k: k.env.check_params(nothing(k.env)), "prob_outside_walls is (nan, nan)", "takes"),
     "params of 4 worlds": (
         lambda k: k.worlds.reset(k.key, per_world(k.small, 4)),
         "params: n_agents has shape (4, 2)",

@@ -20,7 +20,7 @@ def test_check_env(impl, request):
 
 
 def test_check_env_with_ranges(env_ranges):
-    check_env(env_ranges)
+    check_env(env_ranges, n_worlds=2, n_steps=2)
 
 
 class Broken(Base):

@@ -47,7 +47,17 @@ def test_free_cells_by_brute_force(rects, cells):
 
 def place(seed, grid, extent, field, wanted=True):
     layout = Layout(
-        grid, RoomPlan.empty(1.0), jnp.zeros(0), {}, {}, {}, {}, {}, jnp.ones((), bool), jnp.zeros((), jnp.int32)
+        grid,
+        RoomPlan.empty(1.0),
+        jnp.zeros(0),
+        {},
+        {},
+        {},
+        {},
+        {},
+        jnp.zeros(2),
+        jnp.ones((), bool),
+        jnp.zeros((), jnp.int32),
     )
     layout, centre, placed = layout.place("it", seed, extent, lambda *_: field, wanted)
     return layout.valid, placed, centre, layout.grid.occupancy() > 0

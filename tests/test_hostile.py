@@ -30,19 +30,18 @@ def play(impl, gravity, n_worlds, n_steps, held):
     return {name: int(value.sum()) for name, value in states.counts.items()}
 
 
-@pytest.mark.parametrize("gravity", [-9.81, -50.0])
+@pytest.mark.parametrize(("gravity", "n_worlds"), [(-9.81, 1000), (-50.0, 200)])
 @pytest.mark.parametrize("held", [1, 20, 100, 1000])
-def test_c_thousand_worlds_thousand_steps(gravity, held):
-    counts = play("c", gravity, 1000, 1000, held)
+def test_c_many_worlds_thousand_steps(gravity, n_worlds, held):
+    counts = play("c", gravity, n_worlds, 1000, held)
     assert counts["physics_fault"] < 1
     assert counts["contact_overflow"] == 0
     assert counts["layout_invalid"] == 0
 
 
-@pytest.mark.parametrize("gravity", [-9.81, -50.0])
-def test_jax(gravity):
-    for held in (1, 20, 100, 1000):
-        counts = play("jax", gravity, 32, 300, held)
+def test_jax():
+    for held in (20, 1000):
+        counts = play("jax", -50.0, 32, 200, held)
         assert counts["physics_fault"] == 0
         assert counts["contact_overflow"] == 0
 

@@ -70,7 +70,7 @@ def test_ctrl_c_writes_what_was_done(tmp_path):
 
 
 def test_sheet_of_worlds(tmp_path, capsys):
-    sheet(Sheet(scenario=("tri", "random"), placement="proximity:1.5:box0", n=5, out=tmp_path / "a" / "sheet.png"))
+    sheet(Sheet(scenario=("tri", "random"), placement=("proximity:1.5:box0",), n=5, out=tmp_path / "a" / "sheet.png"))
     assert "5 worlds, 0 invalid" in capsys.readouterr().out
     assert np.asarray(Image.open(tmp_path / "a" / "sheet.png")).std() > 10
 

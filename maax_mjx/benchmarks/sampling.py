@@ -132,6 +132,7 @@ class Scatter(Layout):
             objects={},
             extents={},
             sites={},
+            offset=jnp.zeros(2),
             valid=jnp.ones((), bool),
             attempt=jnp.zeros((), jnp.int32),
             table=jnp.zeros((n, 3)),

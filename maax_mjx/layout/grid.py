@@ -12,6 +12,9 @@ from flax import struct
 
 CELL_EPS = 1e-4
 
+JAMMING = 0.56
+"""Share of an area that equal squares, placed at random one after the other, fill before none fits (Feder 1980)."""
+
 
 class Grid(struct.PyTreeNode):
     """A square occupancy grid over the floor.

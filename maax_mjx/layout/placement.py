@@ -17,6 +17,8 @@ from maax_mjx.checks import check_count, check_positive
 from maax_mjx.layout.grid import apart, within
 from maax_mjx.layout.layout import Layout, PlacementFn
 
+ROUNDING = 1e-5
+
 
 def requires_quadrant(fn: PlacementFn) -> PlacementFn:
     """Marks a placement function that reads `layout.plan.quadrant`."""
@@ -83,8 +85,7 @@ def separation_placement(radius: float) -> PlacementFn:
 
     def placement(layout: Layout, cells: jax.Array) -> jax.Array:
         objects = layout.stacked_objects()
-        # A cell's slack is drawn within it, after this: half a cell on either side is left for it.
-        far = _distances(layout, cells, objects[:, :2]) >= radius + layout.grid.cell
+        far = _distances(layout, objects[:, :2]) >= radius + ROUNDING
         return (far | (objects[:, 2] == 0)).all(axis=-1)
 
     return placement
@@ -104,7 +105,7 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
 
     def placement(layout: Layout, cells: jax.Array) -> jax.Array:
         anchor = layout.objects.get(to, jnp.zeros(3))
-        near = _distances(layout, cells, anchor[None, :2])[..., 0] <= radius - layout.grid.cell
+        near = _distances(layout, anchor[None, :2])[..., 0] <= radius - ROUNDING
         return _or_anywhere(near, anchor[2] > 0)
 
     return placement
@@ -133,11 +134,13 @@ def all_of(*fns: PlacementFn) -> PlacementFn:
     Raises:
         ValueError: no functions.
     """
-    return _combined("all_of", fns, lambda a, b: a * b)
+    placement = _combined("all_of", fns, lambda a, b: a * b)
+    placement.inside_quadrant = any(getattr(fn, "inside_quadrant", False) for fn in fns)  # type: ignore[attr-defined]
+    return placement
 
 
 def any_of(*fns: PlacementFn) -> PlacementFn:
-    """Where any of these allows it: the sum of their weights.
+    """Where any of these allows it: the sum of their weights; of booleans, all that are true weigh alike.
 
     Raises:
         ValueError: no functions.
@@ -164,10 +167,9 @@ def _or_anywhere(allowed: jax.Array, applies: jax.Array) -> jax.Array:
     return allowed | ~applies
 
 
-def _distances(layout: Layout, cells: jax.Array, points: jax.Array) -> jax.Array:
-    """(G, G, n): from the middle of an object at every corner cell to n points (n, 2), in metres."""
-    g, cell = layout.grid.size, layout.grid.cell
-    along = (jnp.arange(g)[:, None] + cells / 2) * cell
+def _distances(layout: Layout, points: jax.Array) -> jax.Array:
+    """(G, G, n): from the centre that the object would have at every corner cell to n points (n, 2), in metres."""
+    along = jnp.arange(layout.grid.size)[:, None] * layout.grid.cell + layout.offset
     dx = along[:, None, None, 0] - points[:, 0]
     dy = along[None, :, None, 1] - points[:, 1]
     return jnp.sqrt(dx**2 + dy**2)

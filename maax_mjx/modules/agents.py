@@ -35,9 +35,9 @@ class Agents(Entities):
         placement_fn: one function for all, or a list with one per slot.
         colors: RGBA per slot; None is grey for all.
         random_yaw: whether agents start facing anywhere; else all face -y.
-        friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
-        damping: of x, y (N s/m) and yaw (Nm s/rad), or a range; z keeps 1.
-        gear: force along x and y in N, and torque in Nm, at full control, or a range.
+        friction: sliding friction, or a range, the parameter `agent_friction`; None keeps MuJoCo's default of 1.
+        damping: of x, y (N s/m) and yaw (Nm s/rad), or a range, the parameter `agent_damping`; z keeps 1.
+        gear: force along x and y in N, and torque in Nm, at full control, or a range, the parameter `agent_gear`.
         per_object: whether every agent draws its own from the ranges, or all of a world share one draw.
         polar_obs: whether `agent_qpos_qvel` has cos and sin of the yaw, or the yaw itself.
 
@@ -66,7 +66,7 @@ class Agents(Entities):
         per_object: bool = True,
         polar_obs: bool = False,
     ):
-        self.teams = _check_teams(n_agents)
+        self.teams, self._fixed = _check_teams(n_agents), not isinstance(n_agents, Mapping)
         super().__init__(
             sum(high for _, high in self.teams.values()),
             (DIAMETER, DIAMETER, DIAMETER),
@@ -76,13 +76,16 @@ class Agents(Entities):
             per_object=per_object,
             minimum=1,
         )
-        self.damping = Ranged("agent_damping", damping)
-        self.gear = Ranged("agent_gear", gear, above=True)
+        self.damping = Ranged("agent_damping", damping, argument="damping")
+        self.gear = Ranged("agent_gear", gear, above=True, argument="gear")
         self.polar_obs = polar_obs
         colors = [(0.5, 0.5, 0.5, 1.0)] * self.n_max if colors is None else colors
-        self.colors = np.asarray(colors, float) if isinstance(colors, Sequence) else np.zeros(0)
-        if self.colors.shape != (self.n_max, 4):
-            raise ValueError(f"colors: got {colors!r}; takes {self.n_max} colours of four numbers, one per agent")
+        try:
+            self.colors = np.asarray(colors, float)
+        except (TypeError, ValueError):
+            self.colors = np.zeros(0)
+        if self.colors.shape != (self.n_max, 4) or not ((self.colors >= 0) & (self.colors <= 1)).all():
+            raise ValueError(f"colors: got {colors!r}; takes {self.n_max} colours of four numbers in [0, 1], one each")
 
     @property
     def team_index(self) -> np.ndarray:
@@ -96,8 +99,7 @@ class Agents(Entities):
     @property
     def parameters(self) -> list[Parameter]:
         # One team of a fixed number is all that is known of it: none of the agents can be absent.
-        fixed = list(self.teams) == [self.count_name]
-        counts = [Parameter(name, pair, pair if fixed else (0, pair[1])) for name, pair in self.teams.items()]
+        counts = [Parameter(name, pair, pair if self._fixed else (0, pair[1])) for name, pair in self.teams.items()]
         return counts + [p for ranged in self.ranges for p in ranged.parameters]
 
     @property
@@ -163,6 +165,9 @@ def _check_teams(n_agents: int | Mapping[str, int | tuple[int, int]]) -> dict[st
     if not isinstance(n_agents, Mapping):
         n = check_count("n_agents", n_agents, minimum=1)
         return {"n_agents": (n, n)}
+    for name in n_agents:
+        if not isinstance(name, str) or not name.isidentifier():
+            raise ValueError(f"n_agents: got a team named {name!r}; takes names that are Python identifiers")
     teams = {f"n_{name}": check_count_range(f"n_agents[{name!r}]", count) for name, count in n_agents.items()}
     if not sum(high for _, high in teams.values()):
         raise ValueError(f"n_agents: got {n_agents!r}; takes at least one agent in all")

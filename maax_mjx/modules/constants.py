@@ -11,6 +11,7 @@ from maax_mjx.modules.module import Module
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Overlay
+from maax_mjx.worldgen.checks import check_rgba
 
 
 class FloorAttributes(Module):
@@ -27,10 +28,8 @@ class FloorAttributes(Module):
     name = "floor"
 
     def __init__(self, friction: float | tuple[float, float] = 1.0, rgba: tuple[float, ...] | None = None):
-        self.friction = Ranged("floor_friction", friction)
-        if rgba is not None and (len(rgba) != 4 or not all(0 <= c <= 1 for c in rgba)):
-            raise ValueError(f"rgba: got {rgba!r}; takes four numbers in [0, 1]")
-        self.rgba = rgba
+        self.friction = Ranged("floor_friction", friction, argument="friction")
+        self.rgba = None if rgba is None else check_rgba("rgba", rgba)
 
     @property
     def parameters(self) -> list[Parameter]:
@@ -63,13 +62,13 @@ class WorldConstants(Module):
         gravity: along z in m/s^2 (negative is down), or a range drawn per world. OpenAI's games take -50.
 
     Raises:
-        ValueError: a gravity that points up, or is not finite.
+        ValueError: a gravity that is not finite.
     """
 
     name = "world_constants"
 
     def __init__(self, gravity: float | tuple[float, float]):
-        self.gravity = Ranged("gravity", gravity, -np.inf, 0.0)
+        self.gravity = Ranged("gravity", gravity, -np.inf)
 
     @property
     def parameters(self) -> list[Parameter]:

@@ -32,8 +32,8 @@ MASS = 1.0
 class Cylinders(Entities):
     """Upright cylinders of 1 kg, movable or fixed to the floor (OpenAI's shelter game protects a fixed one).
 
-    MJX's own JAX physics has no contacts between a cylinder and a box or a ramp; `impl="jax"` refuses an environment
-    that has both, `warp` and `c` take it.
+    MJX's own JAX physics has no contacts between a cylinder and a box, a wall or a ramp; `impl="jax"` refuses a
+    movable one beside any of these, and a fixed one beside a box or a ramp, `warp` and `c` take it.
 
     Args:
         n: how many per world, or (low, high); drawn uniformly.
@@ -64,8 +64,8 @@ class Cylinders(Entities):
         friction: float | tuple[float, float] | None = None,
         per_object: bool = True,
     ):
-        self.diameter = Ranged("cylinder_diameter", diameter, above=True)
-        self.height = Ranged("cylinder_height", height, above=True)
+        self.diameter = Ranged("cylinder_diameter", diameter, above=True, argument="diameter")
+        self.height = Ranged("cylinder_height", height, above=True, argument="height")
         extent = (self.diameter.high, self.diameter.high, self.height.high)
         super().__init__(n, extent, placement_fn, friction=friction, per_object=per_object)
         self.static = static

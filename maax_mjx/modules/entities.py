@@ -44,6 +44,7 @@ class Entities(Placed):
     contacts_each = 6.5
     static = False
     friction_name: str
+    friction_argument = "friction"
 
     def __init__(
         self,
@@ -59,7 +60,9 @@ class Entities(Placed):
     ):
         super().__init__(count, placement_fn, random_yaw=random_yaw, minimum=minimum)
         self.extent = np.asarray(extent, np.float32)
-        self.friction = None if friction is None else Ranged(self.friction_name, friction)
+        self.friction = (
+            None if friction is None else Ranged(self.friction_name, friction, argument=self.friction_argument)
+        )
         self.free = free
         self.per_object = per_object
 

@@ -58,8 +58,8 @@ class Module:
         """How many cells its quadrant has, at the least."""
         return 0
 
-    def check(self, grid_size: int) -> None:
-        """Refuses arguments that do not fit the grid.
+    def check(self, grid_size: int, floor_size: float) -> None:
+        """Refuses arguments that do not fit the floor, of at least `floor_size` metres.
 
         Raises:
             ValueError: naming the argument.

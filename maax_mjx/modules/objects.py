@@ -52,7 +52,7 @@ class Boxes(Entities):
     name = "boxes"
     kind = "box"
     count_name = "n_boxes"
-    friction_name = "box_friction"
+    friction_name = friction_argument = "box_friction"
 
     def __init__(
         self,
@@ -159,7 +159,7 @@ class Ramps(Entities):
     name = "ramps"
     kind = "ramp"
     count_name = "n_ramps"
-    friction_name = "ramp_friction"
+    friction_name = friction_argument = "ramp_friction"
 
     def __init__(
         self,

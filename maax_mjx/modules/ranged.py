@@ -18,20 +18,28 @@ class Ranged:
     A fixed number is compiled into the model and costs nothing; a range makes worlds differ in it.
 
     Args:
-        name: of the argument and of the parameter.
+        name: of the parameter.
         value: a number, or (low, high), which is also as far as params can move it.
         low, high: what it may be.
         above: whether `low` itself is left out.
+        argument: what the value was passed as, if it is not called as the parameter is.
 
     Raises:
         ValueError: a value outside [low, high], or a reversed range.
     """
 
     def __init__(
-        self, name: str, value: FloatRange, low: float = 0.0, high: float = np.inf, *, above: bool = False
+        self,
+        name: str,
+        value: FloatRange,
+        low: float = 0.0,
+        high: float = np.inf,
+        *,
+        above: bool = False,
+        argument: str | None = None,
     ) -> None:
         self.name = name
-        self.low, self.high = check_range(name, value, low, high, above=above)
+        self.low, self.high = check_range(argument or name, value, low, high, above=above)
         self.varies = isinstance(value, tuple | list)
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction
 from maax_mjx.layout import Layout
 from maax_mjx.layout import walls as wall_layout
+from maax_mjx.layout.grid import JAMMING
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.layout.scenarios import RANDOM, SCENARIOS, Rooms, random_rooms, with_doors
 from maax_mjx.modules.module import BELOW, Module
@@ -26,6 +27,8 @@ INNER_HEIGHT = 0.5
 OUTER = ("walls", "limits", "none")
 QUADRANTS = ("quad", "var_quad")
 ROOM_TRIES = 8
+WAY = 0.32
+"""What agents of 0.3 m pass, in metres."""
 
 
 class WallScenarios(Module):
@@ -69,17 +72,19 @@ class WallScenarios(Module):
         friction: float | tuple[float, float] | None = None,
         outer: str = "walls",
     ):
-        names = [scenario] if isinstance(scenario, str) else list(scenario)
+        names = list(scenario) if isinstance(scenario, list | tuple) else [scenario]
         if not names:
             raise ValueError("scenario: got none; takes at least one")
         self.scenarios = [check_choice("scenario", name, [*SCENARIOS, RANDOM]) for name in names]
         self.door_size = check_count("door_size", door_size)
         self.p_door_dropout = check_fraction("p_door_dropout", p_door_dropout)
+        if self.p_door_dropout[1] > 0 and not (set(names) & set(QUADRANTS) and door_size):
+            raise ValueError(f"p_door_dropout: got {p_door_dropout!r} without a quadrant's doors; takes 0 there")
         self.probabilities = _check_probabilities(probabilities, len(names))
         self.n_rooms = check_count_range("n_rooms", n_rooms, minimum=1)
         self.min_room_size = check_count("min_room_size", min_room_size, minimum=1)
         self.prob_outside_walls = check_fraction("prob_outside_walls", prob_outside_walls)
-        self.friction = None if friction is None else Ranged("wall_friction", friction)
+        self.friction = None if friction is None else Ranged("wall_friction", friction, argument="friction")
         self.outer = check_choice("outer", outer, OUTER)
         self.limits_arena = outer == "limits"
         if outer != "walls" and (low_outside_walls or self.prob_outside_walls != (1.0, 1.0)):
@@ -113,8 +118,20 @@ class WallScenarios(Module):
         varies = self.friction is not None and self.friction.varies
         return dict.fromkeys(BOX_FIELDS + ("geom_friction",) * varies, self._geom_ids)
 
-    def check(self, grid_size: int) -> None:
+    def check(self, grid_size: int, floor_size: float) -> None:
         g = grid_size
+        opening = (self.door_size + 1.5) * floor_size / g
+        if self.n_inner and self.door_size and opening < WAY:
+            raise ValueError(
+                f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m on the smallest floor; takes "
+                f"one of at least {WAY} m, so that agents pass"
+            )
+        most = max(int(JAMMING * (g - 1) ** 2 / (self.min_room_size + 1) ** 2), 2)
+        if RANDOM in self.scenarios and self.n_rooms[1] > most:
+            raise ValueError(
+                f"n_rooms: got {self.n_rooms[1]}; takes at most {most} of min_room_size {self.min_room_size} on "
+                f"{g} x {g} cells, of which random rooms fill {JAMMING:.0%}"
+            )
         lengths = {"half": g - 1, "quad": g // 2 - 1, "var_quad": int(0.3 * g) - 1, "tri": g - 1 - int(0.6 * g)}
         lengths[RANDOM] = self.min_room_size + 1
         shortest = min([lengths[name] for name in self.scenarios if name in lengths], default=self.door_size + 1)
@@ -201,8 +218,7 @@ class WallScenarios(Module):
 
     @property
     def _doors_are_fixed(self) -> bool:
-        dropped = self.provides_quadrant and self.p_door_dropout[1] > 0
-        return len(self.scenarios) == 1 and RANDOM not in self.scenarios and not dropped
+        return len(self.scenarios) == 1 and RANDOM not in self.scenarios and not self.provides_quadrant
 
     def _draw_rooms(
         self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
@@ -281,8 +297,11 @@ class RandomWalls(WallScenarios):
 def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float, ...]:
     if values is None:
         return (1 / n,) * n
-    given = [float(v) for v in values]
-    if len(given) != n or min(given) < 0 or abs(sum(given) - 1) > 1e-6:
+    try:
+        given = [float(v) for v in values]
+    except (TypeError, ValueError):
+        given = []
+    if len(given) != n or not all(v >= 0 for v in given) or not abs(sum(given) - 1) <= 1e-6:
         raise ValueError(f"probabilities: got {values!r}; takes {n} of at least 0 that sum to 1, one per scenario")
     return tuple(given)
 
