@@ -92,7 +92,8 @@ def _write_bodies(root: ET.Element, model: mujoco.MjModel) -> None:
         element.set("pos", _numbers(body.pos))
         if model.ngravcomp:
             element.set("gravcomp", _numbers(model.body_gravcomp[body.id : body.id + 1]))
-    for element in root.iter("joint"):
+    # Those of bodies: an equality between joints is called so, too.
+    for element in _child(root, "worldbody").iter("joint"):
         joint = model.joint(element.get("name"))
         # Of a joint of one degree of freedom alone: others have no range, and share what they have.
         if len(joint.damping) == 1:

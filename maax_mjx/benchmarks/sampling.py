@@ -5,8 +5,8 @@ or which is filled up. `poisson` is Bridson's algorithm on the host, `darts` is 
 same k tries, and `field` is this package's placement on the device: `Layout.place` with `separation_placement`, in one
 world and in a batch of worlds that all draw their own. `poisson` always fills the floor and takes n of its points.
 
-The field works on cells, and asks for a cell more than the radius between their middles, so that it fills a floor less
-densely than the others can; within that it finds a place wherever there is one.
+The field works on cells: a point lies anywhere in its cell, but that is drawn before the cell is. It finds a place
+wherever there is one.
 """
 
 from __future__ import annotations
