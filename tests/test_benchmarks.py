@@ -48,8 +48,7 @@ def test_sampling(sampled):
         assert row["ms_per_world"] > 0
         n_worlds = 2 * row["worlds"]
         assert row["failures"] == pytest.approx(n_worlds * (row["wanted"] - row["found"]), abs=0.02 * n_worlds)
-        # The field keeps points a cell further apart than the radius, so that it has room for about half as many.
-        assert (row["found"] < 9) == (row["method"] == "field")
+        assert row["found"] > 11, "14 points of 0.25 m fill the floor nearly, for every method"
 
 
 def test_scattered_points_keep_apart_inside():

@@ -1,4 +1,4 @@
-"""OpenAI's full hide-and-seek world, and M: layouts by the ten thousand against brute-force geometry in NumPy."""
+"""OpenAI's full world, M, and all scenarios mixed: layouts by the ten thousand against brute-force geometry."""
 
 from __future__ import annotations
 
@@ -100,7 +100,18 @@ def m_layouts(env_c, batch_reset):
     return env_c, *draw(env_c, batch_reset, 12)
 
 
-@pytest.fixture(params=["full_layouts", "m_layouts"])
+@pytest.fixture(scope="module")
+def mixed_layouts(batch_reset):
+    """All scenarios in one batch, joint limits for outer walls, boxes of different sizes."""
+    env = maax.Base(4, impl="c", grid_size=G, floor_size=FLOOR)
+    env.add_module(maax.WallScenarios(["empty", "half", "quad", "var_quad", "tri", "random"], outer="limits"))
+    env.add_module(maax.Agents(4))
+    env.add_module(maax.Boxes((0, 5), n_elongated_boxes=(0, 2), box_size=(0.3, 0.5)))
+    env.add_module(maax.Ramps((0, 2)))
+    return env, *draw(env, batch_reset, 14)
+
+
+@pytest.fixture(params=["full_layouts", "m_layouts", "mixed_layouts"])
 def layouts(request):
     return request.getfixturevalue(request.param)
 
@@ -132,10 +143,11 @@ def test_everything_is_inside_the_floor_and_on_it(layouts):
     agents = qpos[:, env.agents.qpos_ids[:, :2]]
     assert agents.min() > RADIUS - TOL
     assert agents.max() < FLOOR - RADIUS + TOL
-    for name, height in (("agents", RADIUS), ("boxes", 0.25), ("ramps", 0.25)):
+    for name, height in (("agents", RADIUS), ("boxes", None), ("ramps", 0.25)):
         module = env.modules[name]
         z = qpos[:, module.qpos_ids[:, 2]]
         active = world.active[module.kind]
+        height = field(env, world, "geom_size", module.geom_ids)[..., 2][active] if height is None else height
         assert (np.abs(z[active] - height) < 1e-3).all()
         assert (z[~active] > 10).all()
     walls = standing_walls(env, world)

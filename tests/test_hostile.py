@@ -30,8 +30,17 @@ def play(impl, gravity, n_worlds, n_steps, held):
     return {name: int(value.sum()) for name, value in states.counts.items()}
 
 
-@pytest.mark.parametrize(("gravity", "n_worlds"), [(-9.81, 1000), (-50.0, 200)])
-@pytest.mark.parametrize("held", [1, 20, 100, 1000])
+@pytest.mark.parametrize(
+    ("gravity", "n_worlds", "held"),
+    [
+        (-9.81, 1000, 1),
+        (-9.81, 1000, 20),
+        (-9.81, 1000, 100),
+        (-9.81, 1000, 1000),
+        (-50.0, 200, 20),
+        (-50.0, 200, 1000),
+    ],
+)
 def test_c_many_worlds_thousand_steps(gravity, n_worlds, held):
     counts = play("c", gravity, n_worlds, 1000, held)
     assert counts["physics_fault"] < 1

@@ -19,6 +19,10 @@ def bang_bang(seed, n=N, n_agents=4):
     return np.random.default_rng(seed).choice([-1.0, 1.0], (n, n_agents, 3)).astype(np.float32)
 
 
+def uniform(seed, n=N, n_agents=4):
+    return np.random.default_rng(seed).uniform(-1, 1, (n, n_agents, 3)).astype(np.float32)
+
+
 def plain(env, states, i):
     """World i in plain MuJoCo, from the exported file alone."""
     model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, i))
@@ -92,12 +96,16 @@ def test_own_kinematics_equal_those_of_mjx(free):
 
 
 @pytest.mark.parametrize("impl", ["jax", "warp"])
-def test_one_step_from_the_same_states(impl, env_c, pushed, batch_step, request):
+@pytest.mark.parametrize(("draw", "share"), [(uniform, 0.99), (bang_bang, 0.98)])
+def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, batch_step, request):
     """1,024 states along held-action runs, each stepped once by an accelerator's engine and once by plain MuJoCo."""
     env = request.getfixturevalue(f"env_{impl}")
-    states, worlds, errors = pushed, [plain(env_c, pushed, i) for i in range(N)], []
+    states = batch_reset(env_c, jax.random.split(jax.random.key(7), N))
+    for t in range(80):
+        states = batch_step(env_c, states, {"move": draw(t // HELD)})
+    worlds, errors = [plain(env_c, states, i) for i in range(N)], []
     for t in range(160):
-        action = bang_bang(200 + t // HELD)
+        action = draw(200 + t // HELD)
         if t % 10 == 0:
             stepped = batch_step(env, states.replace(data=states.data.replace(engine=())), {"move": action})
             for i, (model, data) in enumerate(worlds):
@@ -109,8 +117,8 @@ def test_one_step_from_the_same_states(impl, env_c, pushed, batch_step, request)
     assert len(errors) == 1024
     turns = np.array([env_c.model.joint(j).name.endswith(":yaw") for j in range(env_c.model.njnt)])
     errors = np.stack(errors)
-    assert np.quantile(errors[:, ~turns].max(axis=1), 0.99) < 1e-4, "metres"
-    assert np.quantile(errors[:, turns].max(axis=1), 0.99) < 1e-3, "radians: contact points along edges differ"
+    assert (errors[:, ~turns].max(axis=1) < 1e-4).mean() >= share, "metres"
+    assert (errors[:, turns].max(axis=1) < 1e-3).mean() >= share, "radians: contact points along edges differ"
 
 
 @pytest.mark.parametrize("impl", ["jax", "warp"])
