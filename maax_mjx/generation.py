@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
-from zlib import crc32
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from maax_mjx.checks import is_traced
-from maax_mjx.layout import Grid, Layout, RoomPlan
+from maax_mjx.keys import named_key
+from maax_mjx.layout import Layout
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.params import DomainParams, params_in_bounds
 from maax_mjx.physics import model_fields
@@ -29,8 +28,7 @@ def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
     def draw(attempt: jax.Array) -> Layout:
         layout = _empty_layout(env, attempt, floor_size)
         for name, module in env.modules.items():
-            module_key = jax.random.fold_in(key, np.uint32(crc32(name.encode())))
-            layout = module.layout_step(module_key, layout, params)
+            layout = module.layout_step(named_key(key, name), layout, params)
         return layout
 
     layout = redraw(draw, LAYOUT_TRIES)
@@ -43,16 +41,5 @@ def _empty_layout(env: Base, attempt: jax.Array, floor_size: jax.Array) -> Layou
         half = floor_size / 2
         fields["geom_pos"] = fields["geom_pos"].at[env.floor_id, :2].set(half)
         fields["geom_size"] = fields["geom_size"].at[env.floor_id, :2].set(half)
-    return Layout(
-        grid=Grid.create(env.grid_size, floor_size),
-        plan=RoomPlan.empty(floor_size),
-        qpos=jnp.asarray(env.model.qpos0, float),
-        fields=fields,
-        active={},
-        objects={},
-        extents={},
-        sites={},
-        offset=jnp.zeros(2),
-        valid=jnp.ones((), bool),
-        attempt=attempt,
-    )
+    layout = Layout.empty(env.grid_size, floor_size)
+    return layout.replace(qpos=jnp.asarray(env.model.qpos0, float), fields=fields, attempt=attempt)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from maax_mjx.layout import Grid, Layout, RoomPlan
+from maax_mjx.layout import Grid, Layout
 
 CELL, FLOOR, P_MIN = 0.2, 6.0, 1e-3
 TOL = 1e-4
@@ -46,19 +46,7 @@ def test_free_cells_by_brute_force(rects, cells):
 
 
 def place(seed, grid, extent, field, wanted=True):
-    layout = Layout(
-        grid,
-        RoomPlan.empty(1.0),
-        jnp.zeros(0),
-        {},
-        {},
-        {},
-        {},
-        {},
-        jnp.zeros(2),
-        jnp.ones((), bool),
-        jnp.zeros((), jnp.int32),
-    )
+    layout = Layout.empty(1, 1.0).replace(grid=grid)
     layout, centre, placed = layout.place("it", seed, extent, lambda *_: field, wanted)
     return layout.valid, placed, centre, layout.grid.occupancy() > 0
 

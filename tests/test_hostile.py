@@ -27,7 +27,7 @@ def play(impl, gravity, n_worlds, n_steps, held):
     assert bool(seen.finite), "a NaN or infinity reached the user"
     assert bool(seen.inside), "an agent was left outside the arena"
     assert bool(seen.truncating), "a fault did not truncate its world"
-    return {name: int(value.sum()) for name, value in states.counts.items()}
+    return states.totals()
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from maax_mjx.benchmarks import plots, record
 from maax_mjx.checks import check_count, check_positive
-from maax_mjx.layout import Grid, Layout, RoomPlan, poisson_disc, separation_placement
+from maax_mjx.layout import Layout, poisson_disc, separation_placement
 
 POINT = "point"
 
@@ -120,24 +120,6 @@ class Scatter(Layout):
 
     table: jax.Array
 
-    @classmethod
-    def empty(cls, n: int, edge: float, cell: float) -> Scatter:
-        """An open floor without any of its `n` objects."""
-        return cls(
-            grid=Grid.create(round(edge / cell), edge),
-            plan=RoomPlan.empty(edge),
-            qpos=jnp.zeros(0),
-            fields={},
-            active={},
-            objects={},
-            extents={},
-            sites={},
-            offset=jnp.zeros(2),
-            valid=jnp.ones((), bool),
-            attempt=jnp.zeros((), jnp.int32),
-            table=jnp.zeros((n, 3)),
-        )
-
     def stacked_objects(self) -> jax.Array:
         return self.table
 
@@ -145,7 +127,7 @@ class Scatter(Layout):
 def scatter(n: int, radius: float, edge: float, cell: float, key: jax.Array) -> jax.Array:
     """(n, 3) x, y in metres of `n` points at least `radius` apart, and whether each found a place. Traceable."""
     apart = separation_placement(radius)
-    empty = Scatter.empty(n, edge, cell)
+    empty = Scatter.empty(round(edge / cell), edge, table=jnp.zeros((n, 3)))
     seeds = empty.seeds(key, n)
 
     def add(layout: Scatter, i: jax.Array) -> tuple[Scatter, None]:

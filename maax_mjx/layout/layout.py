@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -45,6 +46,24 @@ class Layout(struct.PyTreeNode):
     offset: jax.Array
     valid: jax.Array
     attempt: jax.Array
+
+    @classmethod
+    def empty(cls, grid_size: int, floor_size: jax.Array | float, **own: Any) -> Self:
+        """Nothing on an open floor; `own` are the fields of a subclass."""
+        return cls(
+            grid=Grid.create(grid_size, floor_size),
+            plan=RoomPlan.empty(floor_size),
+            qpos=jnp.zeros(0),
+            fields={},
+            active={},
+            objects={},
+            extents={},
+            sites={},
+            offset=jnp.zeros(2),
+            valid=jnp.ones((), bool),
+            attempt=jnp.zeros((), jnp.int32),
+            **own,
+        )
 
     def seeds(self, key: jax.Array, n: int) -> jax.Array:
         """(n, 3) uint32 for `place`: each object's own, from its own key, anew at every attempt."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from zlib import crc32
 
 import jax
 import jax.numpy as jnp
@@ -88,6 +87,10 @@ class Agents(Entities):
             raise ValueError(f"colors: got {colors!r}; takes {self.n_max} colours of four numbers in [0, 1], one each")
 
     @property
+    def counts(self) -> dict[str, tuple[int, int]]:
+        return self.teams
+
+    @property
     def team_index(self) -> np.ndarray:
         """(n_max,) the team of every slot."""
         return np.repeat(np.arange(len(self.teams)), [high for _, high in self.teams.values()])
@@ -126,13 +129,6 @@ class Agents(Entities):
         names = [[f"{name}:{motor}" for motor in MOTORS] for name in self.names]
         self.ctrl_ids = np.array([[model.actuator(n).id for n in row] for row in names], int)
         self.driven_dofs = np.array([[model.joint(n).dofadr[0] for n in row] for row in names], int)
-
-    def draw_wanted(self, key: jax.Array, params: DomainParams) -> jax.Array:
-        wanted = []
-        for name, (_, high) in self.teams.items():
-            count = params.draw_count(jax.random.fold_in(key, np.uint32(crc32(name.encode()))), name)
-            wanted.append(jnp.arange(high) < count)
-        return jnp.concatenate(wanted)
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
         fields = super().draw_fields(key, fields, params, places)

@@ -93,10 +93,6 @@ class Entities(Placed):
     def contact_points(self) -> float:
         return self.contacts_each * self.n_max
 
-    @property
-    def largest(self) -> np.ndarray:
-        return np.broadcast_to(self.extent, (self.n_max, 3))
-
     def build_step(self, floor: Floor, grid_size: int) -> None:
         for name in self.names:
             floor.append(self.make(name), "parking", (0.5, 0.5))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import hypot
-from zlib import crc32
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ import numpy as np
 from flax import struct
 
 from maax_mjx.checks import check_count_range, check_per_object
+from maax_mjx.keys import named_key
 from maax_mjx.layout import Layout, PlacementFn
 from maax_mjx.modules.module import Module
 from maax_mjx.params import DomainParams, Parameter
@@ -44,11 +44,13 @@ class Placed(Module):
 
     Attributes:
         n_max: how many slots there are.
+        extent: (3,) the largest extents of one in metres.
         is_round: whether turning one leaves its footprint as it is.
     """
 
     kind: str
     count_name: str
+    extent: np.ndarray
     is_round = False
 
     def __init__(
@@ -66,6 +68,11 @@ class Placed(Module):
         self.requires_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in self.placement_fns)
 
     @property
+    def counts(self) -> dict[str, tuple[int, int]]:
+        """By parameter, the least and the most of these objects; slots in this order."""
+        return {self.count_name: self.count}
+
+    @property
     def names(self) -> list[str]:
         """Of all slots: "box0", "box1", ..."""
         return [f"{self.kind}{i}" for i in range(self.n_max)]
@@ -77,7 +84,7 @@ class Placed(Module):
     @property
     def largest(self) -> np.ndarray:
         """(n_max, 3) the largest extents in metres of every slot."""
-        raise NotImplementedError
+        return np.broadcast_to(self.extent, (self.n_max, 3))
 
     @property
     def extents(self) -> list[tuple[float, float]]:
@@ -95,8 +102,10 @@ class Placed(Module):
 
     def draw_wanted(self, key: jax.Array, params: DomainParams) -> jax.Array:
         """(n_max,) bool: which slots this world has."""
-        count_key = jax.random.fold_in(key, np.uint32(crc32(self.count_name.encode())))
-        return jnp.arange(self.n_max) < params.draw_count(count_key, self.count_name)
+        drawn = [
+            jnp.arange(high) < params.draw_count(named_key(key, name), name) for name, (_, high) in self.counts.items()
+        ]
+        return jnp.concatenate(drawn)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
         """(n_max, 3) this world's extents in metres."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from zlib import crc32
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.checks import FloatRange, check_range
+from maax_mjx.keys import named_key
 from maax_mjx.params import DomainParams, Parameter
 
 
@@ -55,7 +54,7 @@ class Ranged:
         """
         if not self.varies:
             return jnp.full(n, self.low)
-        key = jax.random.fold_in(key, np.uint32(crc32(self.name.encode())))
+        key = named_key(key, self.name)
         low, high = params[self.name]
         share = jnp.broadcast_to(jax.random.uniform(key), (n,)) if shared else jax.random.uniform(key, (n,))
         return low + (high - low) * share

@@ -46,10 +46,6 @@ class Sites(Placed):
         self.extent = np.asarray(extent, np.float32)
         self.site_height = height
 
-    @property
-    def largest(self) -> np.ndarray:
-        return np.broadcast_to(self.extent, (self.n_max, 3))
-
     def spec_step(self, spec: mujoco.MjSpec) -> None:
         for name in self.names:
             spec.worldbody.add_site(

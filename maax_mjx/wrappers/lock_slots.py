@@ -9,15 +9,13 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from maax_mjx.limits import FAR, SOLIMP, SOLREF, limit_joint
 from maax_mjx.modules import Entities, Module
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.state import State
 
 METHODS = ("equality", "joint_range")
 JOINTS = ("x", "y", "z", "yaw")
-SOLREF, SOLIMP = (0.01, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
-"""As stiff as steps of 5 ms allow: 0.2 mm under 200 N, where MuJoCo's defaults give 4 mm and more."""
-FAR = 1e3
 N_POSE = 7
 
 
@@ -52,9 +50,7 @@ class LockSlots(Module):
         for name, free in self.names:
             for joint in () if free else JOINTS:
                 if self.method == "joint_range":
-                    limited = spec.joint(f"{name}:{joint}")
-                    limited.limited, limited.range = mujoco.mjtLimited.mjLIMITED_TRUE, (-FAR, FAR)
-                    limited.solref_limit, limited.solimp_limit = SOLREF, SOLIMP
+                    limit_joint(spec.joint(f"{name}:{joint}"))
                 else:
                     self._add(spec, f"{name}:lock:{joint}", mujoco.mjtEq.mjEQ_JOINT, f"{name}:{joint}")
             if free:
