@@ -209,7 +209,8 @@ class Base(Environment):
     @cached_property
     def engine(self) -> Engine:
         """The physics engine. Made at first use, because it needs a JAX backend."""
-        return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world)
+        n_equalities = self.model.neq - sum(module.idle_equalities for module in self._modules.values())
+        return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world, n_equalities)
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:

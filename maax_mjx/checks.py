@@ -36,6 +36,13 @@ def check_count_range(name: str, value: Any, minimum: int = 0) -> tuple[int, int
     return int(low), int(high)
 
 
+def check_bool(name: str, value: Any) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name}: got {value!r}; takes True or False")
+    return bool(value)
+
+
 def check_positive(name: str, value: Any) -> float:
     """A positive finite number."""
     if not _is_number(value) or not 0 < value < np.inf:

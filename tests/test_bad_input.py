@@ -157,7 +157,7 @@ CONSTRUCTION = {
     "task": (lambda: maax.make("standrad"), "name: got 'standrad'", "takes one of", "did you mean 'standard'?"),
     "keyword": (lambda: standard(n_box=2), "make('standard'): got 'n_box'", "takes one of", "did you mean 'n_boxes'"),
     "jitted name": (lambda: maax.jitted("standrad"), "name: got 'standrad'", "did you mean 'standard'?"),
-    "jitted nonsense": (lambda: maax.jitted(3), "env: got 3", "takes an environment or one of ['standard']"),
+    "jitted nonsense": (lambda: maax.jitted(3), "env: got 3", "takes an environment or one of ["),
     "jitted overrides": (lambda: maax.jitted(standard(), horizon=3), "overrides: got ['horizon']", "with a name"),
     "worlds of nonsense": (lambda: Worlds("standard", 4), "env: got 'standard'", "takes an environment"),
     "worlds none": (lambda: Worlds(standard(), 0), "n_worlds: got 0", ONE),

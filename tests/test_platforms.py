@@ -62,4 +62,4 @@ def test_auto(monkeypatch, backend, version, warp, best):
 def test_c_is_refused_where_jax_computes_elsewhere(env_c, monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     with pytest.raises(RuntimeError, match=r"impl: got 'c' where JAX computes on gpu"):
-        select.make_engine("c", env_c.model, env_c.overlay, 16)
+        select.make_engine("c", env_c.model, env_c.overlay, 16, 0)

@@ -7,7 +7,7 @@ from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.module import Module
 from maax_mjx.modules.objects import Boxes, Ramps
 from maax_mjx.modules.placed import Placed
-from maax_mjx.modules.sites import ConstructionSites, Food, Sites
+from maax_mjx.modules.sites import ConstructionSites, Flags, Food, Sites
 from maax_mjx.modules.walls import RandomWalls, WallScenarios
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "ConstructionSites",
     "Cylinders",
     "Entities",
+    "Flags",
     "FloorAttributes",
     "Food",
     "Module",

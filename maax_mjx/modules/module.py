@@ -41,6 +41,11 @@ class Module:
         return {}
 
     @property
+    def idle_equalities(self) -> int:
+        """How many of its equalities are never active together with the others: no engine makes room for them."""
+        return 0
+
+    @property
     def contact_points(self) -> float:
         """How many contact points its entities need in a jam, for the engines' capacities."""
         return 0

@@ -1,4 +1,4 @@
-"""Marks on the floor that nothing collides with: food and construction sites (OpenAI's games)."""
+"""Marks on the floor that nothing collides with: food and construction sites (OpenAI's games), bases of flags."""
 
 from __future__ import annotations
 
@@ -152,3 +152,25 @@ class ConstructionSites(Sites):
         corners = world.sites[self.kind][:, None] + offset
         active = world.active[self.kind][:, None, None]
         return obs | {f"{self.kind}_corner_pos": jnp.where(active, corners, 0.0)}
+
+
+class Flags(Sites):
+    """The bases of two flags, the first team's and the second's.
+
+    Args:
+        placement_fn: a list with a function for each of the two, or one function for both.
+        base_size: diameter in metres.
+
+    Raises:
+        ValueError: a size that is not positive.
+    """
+
+    name = "flags"
+    kind = "flag"
+    count_name = "n_flags"
+    is_round = True
+    rgba = (0.94, 0.89, 0.26, 1.0)
+
+    def __init__(self, placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement, base_size: float = 0.4):
+        size = check_positive("base_size", base_size)
+        super().__init__(2, [size, size, 0.02], placement_fn, height=0.01)

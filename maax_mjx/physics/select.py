@@ -34,8 +34,10 @@ def check_impl(impl: str) -> str:
     return impl
 
 
-def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int) -> Engine:
-    """The engine for `model`.
+def make_engine(
+    impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int
+) -> Engine:
+    """The engine for `model`, with room for so many contacts of a world, and equalities active at once.
 
     "auto" is `warp` on NVIDIA where it is installed, `jax` on other accelerators, and `c` where JAX has only a CPU.
 
@@ -57,7 +59,7 @@ def make_engine(impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per
     if impl == "warp":
         from maax_mjx.physics.warp_engine import WarpEngine
 
-        return WarpEngine(model, overlay, contacts_per_world)
+        return WarpEngine(model, overlay, contacts_per_world, n_equalities)
     from maax_mjx.physics.jax_engine import JaxEngine
 
     return JaxEngine(model, overlay, contacts_per_world)

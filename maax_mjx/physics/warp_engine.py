@@ -32,14 +32,15 @@ class WarpEngine(MjxEngine):
         overlay: the rows in which worlds differ.
         contacts_per_world: contacts of a world that there is room for. Some may have more in the contact buffer, which
             all worlds of a device share, but not in the constraint rows.
+        n_equalities: how many equalities can be active at once.
     """
 
     impl = "warp"
 
-    def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int):
+    def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int):
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
-        rows = ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * model.neq + int(model.jnt_limited.sum())
+        rows = ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * n_equalities + int(model.jnt_limited.sum())
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
             self._model = put_on_host(mjx.put_model(model, device=device, impl="warp"))

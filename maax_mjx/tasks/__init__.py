@@ -1,6 +1,47 @@
-"""Complete environments by name."""
+"""Complete games, their configs, and environments by name."""
 
-from maax_mjx.tasks.registry import jitted, make, tasks
-from maax_mjx.tasks.standard import standard
+from maax_mjx.tasks.capture_the_flag import CaptureTheFlagConfig, capture_the_flag
+from maax_mjx.tasks.hide_and_seek import (
+    FullConfig,
+    GrabConfig,
+    HideAndSeekConfig,
+    LidarConfig,
+    LockConfig,
+    QuadrantConfig,
+    RectConfig,
+    hide_and_seek,
+)
+from maax_mjx.tasks.observe import observed_by_agents
+from maax_mjx.tasks.registry import config_of, jitted, make, register, tasks
+from maax_mjx.tasks.standard import StandardConfig, standard
+from maax_mjx.tasks.tag import TagConfig, tag
 
-__all__ = ["jitted", "make", "standard", "tasks"]
+register("standard", standard, StandardConfig)
+register("hide_and_seek", hide_and_seek, HideAndSeekConfig)
+register("hide_and_seek_quadrant", hide_and_seek, QuadrantConfig)
+register("hide_and_seek_full", hide_and_seek, FullConfig)
+register("tag", tag, TagConfig)
+register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
+
+__all__ = [
+    "CaptureTheFlagConfig",
+    "FullConfig",
+    "GrabConfig",
+    "HideAndSeekConfig",
+    "LidarConfig",
+    "LockConfig",
+    "QuadrantConfig",
+    "RectConfig",
+    "StandardConfig",
+    "TagConfig",
+    "capture_the_flag",
+    "config_of",
+    "hide_and_seek",
+    "jitted",
+    "make",
+    "observed_by_agents",
+    "register",
+    "standard",
+    "tag",
+    "tasks",
+]

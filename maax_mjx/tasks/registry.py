@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
-from typing import Any
+from dataclasses import is_dataclass
+from typing import Any, NamedTuple
 
 import jax
 
@@ -13,9 +13,17 @@ from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
 from maax_mjx.spaces import check_action
 from maax_mjx.state import State
-from maax_mjx.tasks.standard import standard
+from maax_mjx.tasks.config import override
 
-_TASKS: dict[str, Callable[..., Environment]] = {"standard": standard}
+
+class Task(NamedTuple):
+    """How an environment is built, and the class of what it is built from."""
+
+    build: Callable[[Any], Environment]
+    config: type
+
+
+_TASKS: dict[str, Task] = {}
 
 
 def tasks() -> list[str]:
@@ -23,20 +31,64 @@ def tasks() -> list[str]:
     return sorted(_TASKS)
 
 
-def make(name: str, **overrides: Any) -> Environment:
+def register(name: str, build: Callable[[Any], Environment], config: type) -> None:
+    """Gives an environment a name: modules and wrappers of your own, packaged as a game.
+
+    Args:
+        name: a new one.
+        build: makes the environment from a config.
+        config: a frozen dataclass whose fields all have defaults: what `make` can override.
+
+    Raises:
+        ValueError: a name that is taken, or a config that is not such a class.
+    """
+    if not isinstance(name, str) or not name or name in _TASKS:
+        raise ValueError(f"name: got {name!r}; takes a name that is not taken, as are {tasks()}")
+    if not callable(build):
+        raise ValueError(f"build: got {build!r}; takes a function from a config to an environment")
+    if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        raise ValueError(f"config: got {config!r}; takes a class made by dataclass(frozen=True)")
+    try:
+        config()
+    except TypeError as error:
+        raise ValueError(
+            f"config: {config.__name__} has fields without defaults ({error}); takes one without"
+        ) from None
+    _TASKS[name] = Task(build, config)
+
+
+def config_of(name: str, **overrides: Any) -> Any:
+    """The config of an environment by name, with some fields changed; see `make`.
+
+    Raises:
+        ValueError: an unknown name or field, with the nearest ones.
+    """
+    task = _TASKS[check_choice("name", name, _TASKS)]
+    return override(task.config(), overrides, f"make({name!r})")
+
+
+def make(name: str, config: Any = None, **overrides: Any) -> Environment:
     """Builds an environment by name.
+
+    Example:
+        env = make("hide_and_seek", n_boxes=(1, 4), **{"lock.radius": 0.3})
 
     Args:
         name: one of `tasks()`.
-        **overrides: arguments of that task's function.
+        config: what to start from, an object of the environment's config class; None is its defaults.
+        **overrides: fields of that config, in dotted names for fields of fields.
 
     Raises:
-        ValueError: an unknown task or argument, with the nearest names; or what the task refuses.
+        ValueError: an unknown name or field, with the nearest ones; a config of another class; or what the environment
+            refuses.
     """
-    task = _TASKS[check_choice("name", name, _TASKS)]
-    for argument in overrides:
-        check_choice(f"make({name!r})", argument, inspect.signature(task).parameters)
-    return task(**overrides)
+    defaults = config_of(name)
+    if config is not None and not isinstance(config, type(defaults)):
+        raise ValueError(f"config: got {config!r}; takes a {type(defaults).__name__} for {name!r}")
+    env = _TASKS[name].build(override(defaults if config is None else config, overrides, f"make({name!r})"))
+    if not isinstance(env, Environment):
+        raise ValueError(f"build: that of {name!r} gave {env!r}; takes a function from a config to an environment")
+    return env
 
 
 def jitted(env: Environment | str, **overrides: Any) -> tuple[Callable[..., State], Callable[..., State]]:

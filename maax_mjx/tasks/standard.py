@@ -3,70 +3,164 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from maax_mjx.base import Base
-from maax_mjx.checks import check_count_range
-from maax_mjx.layout import PlacementFn, outside_quad_placement, quad_placement, uniform_placement
-from maax_mjx.modules import Agents, Boxes, Ramps, WallScenarios
+from maax_mjx.checks import check_choice, check_count_range
+from maax_mjx.layout import (
+    PlacementFn,
+    outside_quad_placement,
+    proximity_placement,
+    quad_placement,
+    room_placement,
+    uniform_placement,
+)
+from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
 from maax_mjx.worldgen import WorldParams
 
 HIDER, SEEKER = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
+NEAR = 0.5
+"""Metres from the first of the team, for placement "team"."""
+PLACEMENTS = ("uniform", "quad", "outside_quad", "room0", "room1", "team")
+
+Range = float | tuple[float, float]
+CountRange = int | tuple[int, int]
+Placement = str | PlacementFn
 
 
-def standard(
-    scenario: str | Sequence[str] = "quad",
-    n_hiders: int | tuple[int, int] = 2,
-    n_seekers: int | tuple[int, int] = 2,
-    n_boxes: int | tuple[int, int] = 1,
-    n_ramps: int | tuple[int, int] = 1,
-    door_size: int = 2,
-    p_door_dropout: float | tuple[float, float] = 0.0,
-    n_rooms: int | tuple[int, int] = 4,
-    min_room_size: int = 6,
-    n_frames: int = 1,
-    grid_size: int = 30,
-    floor_size: float | tuple[float, float] = 6.0,
-    outer: str = "walls",
-    probabilities: Sequence[float] | None = None,
-    horizon: int = 1000,
-    impl: str = "auto",
-    world_params: WorldParams | None = None,
-    contacts_per_world: int | None = None,
-) -> Base:
+@dataclass(frozen=True)
+class StandardConfig:
     """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp.
 
-    Hiders come first among the agents. Where there is a quadrant they start inside it and seekers outside;
-    everything else starts anywhere.
+    Hiders come first among the agents. A placement is "uniform"; "quad" or "outside_quad" (both anywhere in an
+    environment without a quadrant); "room0" or "room1" (see `room_placement`); of a team's members, "team" (within
+    0.5 m of the first of them, who starts anywhere); or a placement function.
 
-    Args:
+    Attributes:
         scenario: the room scenario, or several of which every world draws one; see `WallScenarios`.
         n_hiders, n_seekers: agents of each team per world, or (low, high).
         n_boxes, n_ramps: per world, or (low, high).
+        n_elongated_boxes: how many of the boxes are elongated; see `Boxes`.
+        hider_placement, seeker_placement, box_placement, ramp_placement: where things start.
         door_size: in cells.
         outer: what closes the arena; see `WallScenarios`.
         probabilities: of the scenarios, where there are several.
-        p_door_dropout, n_rooms, min_room_size: see `WallScenarios`.
+        p_door_dropout, n_rooms, min_room_size, prob_outside_walls: see `WallScenarios`.
+        agent_friction, box_friction, ramp_friction, wall_friction, floor_friction: sliding friction, or ranges; None
+            keeps MuJoCo's default of 1. Of two things in contact MuJoCo takes the larger.
+        gear: of the agents' motors, in N and Nm; see `Agents`.
+        random_yaw: whether agents, boxes and ramps start turned by random angles.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
-    most_hiders = check_count_range("n_hiders", n_hiders)[1]
-    most_seekers = check_count_range("n_seekers", n_seekers)[1]
+
+    scenario: str | Sequence[str] = "quad"
+    n_hiders: CountRange = 2
+    n_seekers: CountRange = 2
+    n_boxes: CountRange = 1
+    n_ramps: CountRange = 1
+    n_elongated_boxes: CountRange = 0
+    hider_placement: Placement = "quad"
+    seeker_placement: Placement = "outside_quad"
+    box_placement: Placement = "uniform"
+    ramp_placement: Placement = "uniform"
+    door_size: int = 2
+    p_door_dropout: Range = 0.0
+    n_rooms: CountRange = 4
+    min_room_size: int = 6
+    prob_outside_walls: Range = 1.0
+    outer: str = "walls"
+    probabilities: Sequence[float] | None = None
+    agent_friction: Range | None = None
+    box_friction: Range | None = None
+    ramp_friction: Range | None = None
+    wall_friction: Range | None = None
+    floor_friction: Range | None = None
+    gear: Range = 100.0
+    random_yaw: bool = False
+    n_frames: int = 1
+    grid_size: int = 30
+    floor_size: Range = 6.0
+    horizon: int = 1000
+    impl: str = "auto"
+    world_params: WorldParams = field(default_factory=WorldParams)
+    contacts_per_world: int | None = None
+
+
+def standard(config: StandardConfig) -> Base:
+    """Builds the world of a config.
+
+    Raises:
+        ValueError: no agents at all, an unknown placement, or what the modules refuse.
+    """
+    most_hiders = check_count_range("n_hiders", config.n_hiders)[1]
+    most_seekers = check_count_range("n_seekers", config.n_seekers)[1]
     n_agents = most_hiders + most_seekers
     if not n_agents:
-        raise ValueError(f"n_hiders, n_seekers: got {n_hiders} and {n_seekers}; takes at least one agent in all")
-    env = Base(n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world)
-    inside: PlacementFn = uniform_placement
-    outside: PlacementFn = uniform_placement
-    walls = WallScenarios(scenario, door_size, p_door_dropout, probabilities, n_rooms, min_room_size, outer=outer)
-    if walls.provides_quadrant:
-        inside, outside = quad_placement, outside_quad_placement
+        raise ValueError(
+            f"n_hiders, n_seekers: got {config.n_hiders} and {config.n_seekers}; takes at least one agent in all"
+        )
+    env = Base(
+        n_agents,
+        config.n_frames,
+        config.grid_size,
+        config.floor_size,
+        config.horizon,
+        config.impl,
+        config.world_params,
+        config.contacts_per_world,
+    )
+    walls = WallScenarios(
+        config.scenario,
+        config.door_size,
+        config.p_door_dropout,
+        config.probabilities,
+        config.n_rooms,
+        config.min_room_size,
+        config.prob_outside_walls,
+        friction=config.wall_friction,
+        outer=config.outer,
+    )
     env.add_module(walls)
+    if config.floor_friction is not None:
+        env.add_module(FloorAttributes(config.floor_friction))
+
+    def place(name: str, first: str = "", n: int = 1) -> list[PlacementFn]:
+        return _placement(name, getattr(config, name), walls.provides_quadrant, first, n)
+
     env.add_module(
         Agents(
-            {"hiders": n_hiders, "seekers": n_seekers},
-            [inside] * most_hiders + [outside] * most_seekers,
+            {"hiders": config.n_hiders, "seekers": config.n_seekers},
+            place("hider_placement", "agent0", most_hiders)
+            + place("seeker_placement", f"agent{most_hiders}", most_seekers),
             [HIDER] * most_hiders + [SEEKER] * most_seekers,
+            config.random_yaw,
+            friction=config.agent_friction,
+            gear=config.gear,
         )
     )
-    env.add_module(Boxes(n_boxes))
-    env.add_module(Ramps(n_ramps))
+    env.add_module(
+        Boxes(
+            config.n_boxes,
+            place("box_placement")[0],
+            box_friction=config.box_friction,
+            n_elongated_boxes=config.n_elongated_boxes,
+            random_yaw=config.random_yaw,
+        )
+    )
+    env.add_module(
+        Ramps(config.n_ramps, place("ramp_placement")[0], config.ramp_friction, random_yaw=config.random_yaw)
+    )
     return env
+
+
+def _placement(argument: str, placement: Placement, has_quadrant: bool, first: str, n: int) -> list[PlacementFn]:
+    """The placement functions of `n` things, of which `first` is the first."""
+    if callable(placement):
+        return [placement] * n
+    name = check_choice(argument, placement, PLACEMENTS if first else [p for p in PLACEMENTS if p != "team"])
+    if name == "team":
+        return ([uniform_placement] + [proximity_placement(NEAR, first)] * (n - 1))[:n]
+    if name.startswith("room"):
+        return [room_placement(int(name.removeprefix("room")))] * n
+    named = {"quad": quad_placement, "outside_quad": outside_quad_placement} if has_quadrant else {}
+    return [named.get(name, uniform_placement)] * n

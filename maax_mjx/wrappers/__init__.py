@@ -2,7 +2,10 @@
 
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.flags import CaptureTheFlag
+from maax_mjx.wrappers.grabs import GrabObjects
 from maax_mjx.wrappers.locks import LockObjects
+from maax_mjx.wrappers.masks import MaskActions, MaskObservations, MaskUnseenAction
 from maax_mjx.wrappers.observations import (
     ConcatenateObservations,
     FlattenObservations,
@@ -13,19 +16,34 @@ from maax_mjx.wrappers.observations import (
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
 from maax_mjx.wrappers.senses import Lidar, LineOfSight
+from maax_mjx.wrappers.stats import TrackStats
+from maax_mjx.wrappers.tag import Tag
 from maax_mjx.wrappers.teams import TeamMembership
-from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, RewardWrapper, Wrapper, find, layers
+from maax_mjx.wrappers.wrapper import (
+    ActionWrapper,
+    ObservationWrapper,
+    RewardWrapper,
+    StateWrapper,
+    Wrapper,
+    find,
+    layers,
+)
 
 __all__ = [
     "ActionWrapper",
     "AgentAgentContactMask2D",
+    "CaptureTheFlag",
     "ConcatenateObservations",
     "DiscretizeActions",
     "FlattenObservations",
+    "GrabObjects",
     "HideAndSeekReward",
     "Lidar",
     "LineOfSight",
     "LockObjects",
+    "MaskActions",
+    "MaskObservations",
+    "MaskUnseenAction",
     "ObservationWrapper",
     "PreparationPhase",
     "RestrictAgentsRect",
@@ -33,7 +51,10 @@ __all__ = [
     "SelectObservations",
     "SplitObservations",
     "SpoofEntities",
+    "StateWrapper",
+    "Tag",
     "TeamMembership",
+    "TrackStats",
     "Wrapper",
     "find",
     "layers",

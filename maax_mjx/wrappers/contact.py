@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import jax
 import jax.numpy as jnp
 
 from maax_mjx.checks import check_positive
 from maax_mjx.env import Environment
 from maax_mjx.modules.agents import DIAMETER
-from maax_mjx.params import DomainParams
 from maax_mjx.state import State
-from maax_mjx.wrappers.wrapper import Wrapper
+from maax_mjx.wrappers.wrapper import StateWrapper
 
 TOUCH = DIAMETER + 1e-3
 """Metres between the centres of two discs that touch: two radii, and a millimetre of softness."""
 
 
-class AgentAgentContactMask2D(Wrapper):
+class AgentAgentContactMask2D(StateWrapper):
     """Adds `contact_mask` (n_agents, n_agents) bool: which agents touch, seen from above (thesis 5.2.1).
 
     Symmetric; nobody touches itself, and absent agents touch nobody.
@@ -37,13 +33,7 @@ class AgentAgentContactMask2D(Wrapper):
         super().__init__(env)
         self.distance = TOUCH if distance is None else check_positive("distance", distance)
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self._with_mask(self.env.reset(key, params))
-
-    def step(self, state: State, action: Any) -> State:
-        return self._with_mask(self.env.step(state, action))
-
-    def _with_mask(self, state: State) -> State:
+    def look(self, state: State) -> State:
         agents = self.base.agents
         xy = state.data.qpos[agents.qpos_ids[:, :2]]
         near = jnp.linalg.norm(xy[:, None] - xy, axis=-1) <= self.distance

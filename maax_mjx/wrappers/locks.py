@@ -10,13 +10,14 @@ import jax.numpy as jnp
 from flax import struct
 from gymnasium import spaces
 
-from maax_mjx.checks import check_choice, check_positive
+from maax_mjx.checks import check_bool, check_choice, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
 from maax_mjx.wrappers.lock_rules import LOCK_TYPES, lock_rule
 from maax_mjx.wrappers.lock_slots import METHODS, LockSlots
-from maax_mjx.wrappers.reach import distance_to_objects, present
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.reach import Reach
 from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import Wrapper
 
@@ -60,14 +61,17 @@ class LockObjects(Wrapper):
         method: "equality" holds the pose with equality constraints, "joint_range" with closed joint ranges, which give
             ten times as much.
         per_object: whether agents say which objects they want locked, or all within reach at once.
+        in_vision_only: whether only agents that saw an object after the step before count; needs `LineOfSight`.
 
     Raises:
-        ValueError: an unknown module, lock type or method, or joint ranges of free joints.
+        ValueError: an unknown module, lock type or method, joint ranges of free joints, or vision without
+            `LineOfSight`.
         RuntimeError: the environment was used already.
     """
 
     name = "locks"
     requires = (TeamMembership,)
+    precedes = (PreparationPhase,)
 
     def __init__(
         self,
@@ -77,14 +81,14 @@ class LockObjects(Wrapper):
         radius: float = 0.25,
         method: str = "equality",
         per_object: bool = True,
+        in_vision_only: bool = False,
     ):
         super().__init__(env)
         self.lock_type = check_choice("lock_type", lock_type, LOCK_TYPES)
-        self.radius = check_positive("radius", radius)
         check_choice("method", method, METHODS)
-        self.modules = [self.base.movable(name) for name in objects]
-        self.n_lockable = sum(module.n_max for module in self.modules)
-        self.per_object = per_object
+        self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
+        self.modules, self.n_lockable = self._reach.modules, self._reach.n
+        self.per_object = check_bool("per_object", per_object)
         self._slots = LockSlots(self.modules, method)
         self.base.add_module(self._slots)
         self._team = self.inner(TeamMembership).team_index
@@ -108,16 +112,15 @@ class LockObjects(Wrapper):
         locks = self._decide(state, wants, draw)
         state = self.remember(state.replace(key=key), locks)
         state = self._slots.hold(state, locks.locked, locks.pose, self.base.overlay)
-        # What is unlocked ends at the edge of the arena again, where it does.
-        state = state.replace(world=self.base.bounded(state.world, state.data))
+        if self._slots.method == "joint_range":
+            # What is unlocked ends at the edge of the arena again, where it does.
+            state = state.replace(world=self.base.bounded(state.world, state.data))
         inner = {name: part for name, part in action.items() if name != "lock"}
         return self._observed(self.env.step(state, inner))
 
     def _decide(self, state: State, wants: jax.Array, key: jax.Array) -> Locks:
         locks: Locks = state.mechanics[self.name]
-        agents = state.world.active[self.base.agents.kind]
-        near = distance_to_objects(self.base, self.modules, state) <= self.radius
-        near &= agents[:, None] & present(self.modules, state)
+        _, near = self._reach(state)
         lock, unlock = lock_rule(self.lock_type, wants, near, locks.locked, locks.last_owner, self._team)
         kept = locks.locked & ~unlock
         new = lock & ~kept

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_count
+from maax_mjx.checks import check_choice, check_count
 from maax_mjx.env import Environment
 from maax_mjx.state import State
+from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 
@@ -153,19 +154,37 @@ class ConcatenateObservations(ObservationWrapper):
 class FlattenObservations(ObservationWrapper):
     """One vector for every agent: `obs` (n_agents, d), of all observations by name in order, flat, as float32.
 
+    For a central critic, `privileged` (n_agents, n_agents * d) is the vectors of oneself and of others, in the
+    circulant order of `SplitObservations`; zeros stand for those who are not in play or not in one's team.
+
     Args:
         env: what to wrap; its observations are split, so that all have the agents' axis first.
+        observe: "self" (no privileged observation), "team" or "all": whose observations are privileged.
 
     Raises:
-        ValueError: they are not split.
+        ValueError: they are not split; an unknown `observe`, or "team" without `TeamMembership`.
     """
 
     requires = (SplitObservations,)
 
+    def __init__(self, env: Environment, observe: str = "self"):
+        super().__init__(env)
+        self.observe = check_choice("observe", observe, ("self", "team", "all"))
+        n = self.base.n_agents
+        self._order = (np.arange(n)[:, None] - np.arange(n)) % n
+        self._shown = np.ones((n, n), bool)
+        if observe == "team":
+            team = self.inner(TeamMembership).team_index
+            self._shown = team[self._order] == team[:, None]
+
     def observation(self, state: State) -> dict[str, jax.Array]:
         n = self.base.n_agents
         flat = [state.obs[key].reshape(n, -1).astype(jnp.float32) for key in sorted(state.obs)]
-        return {"obs": jnp.concatenate(flat, axis=1)}
+        obs = {"obs": jnp.concatenate(flat, axis=1)}
+        if self.observe != "self":
+            shown = self._shown & state.world.active[self.base.agents.kind][self._order]
+            obs["privileged"] = jnp.where(shown[..., None], obs["obs"][self._order], 0.0).reshape(n, -1)
+        return obs
 
 
 def _check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:

@@ -7,14 +7,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.teams import SEEKERS, TeamMembership
-from maax_mjx.wrappers.wrapper import Wrapper
+from maax_mjx.wrappers.wrapper import Wrapper, layers, null_rows
 
 
 class PreparationPhase(Wrapper):
@@ -26,39 +25,50 @@ class PreparationPhase(Wrapper):
     Args:
         env: what to wrap.
         prep_fraction: share of the episode, in [0, 1].
+        blind: whether seekers do not see either in the phase: what `LineOfSight` and `Lidar` tell them is zero.
 
     Attributes:
         n_steps: how many steps the phase has.
 
     Raises:
-        ValueError: a fraction outside [0, 1].
+        ValueError: a fraction outside [0, 1]; `blind` without a sense inside, or whose observations were changed.
     """
 
     name = "preparation"
     requires = (TeamMembership,)
     precedes = (DiscretizeActions,)
 
-    def __init__(self, env: Environment, prep_fraction: float = 0.4):
+    def __init__(self, env: Environment, prep_fraction: float = 0.4, blind: bool = False):
         super().__init__(env)
         if isinstance(prep_fraction, bool) or not isinstance(prep_fraction, int | float) or not 0 <= prep_fraction <= 1:
             raise ValueError(f"prep_fraction: got {prep_fraction!r}; takes a number in [0, 1]")
         self.n_steps = ceil(round(prep_fraction * env.base.horizon, 9))
         self._seekers = self.inner(TeamMembership).of(SEEKERS)
+        self._senses = [layer for layer in layers(env) if layer.senses] if blind else []
+        if blind:
+            self._check_senses()
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         return self._observed(self.env.reset(key, params))
 
     def step(self, state: State, action: dict[str, Any]) -> State:
         preparing = state.step < self.n_steps
-        nulled = {name: self._null(jnp.asarray(part), preparing) for name, part in action.items()}
+        arrays = {name: jnp.asarray(part) for name, part in action.items()}
+        nulled = null_rows(arrays, preparing & self._seekers)
         state = self.env.step(state, nulled)
         return self._observed(state.replace(reward=jnp.where(preparing, 0.0, state.reward)))
 
-    def _null(self, part: jax.Array, preparing: jax.Array) -> jax.Array:
-        seekers = np.reshape(self._seekers, (-1, *[1] * (part.ndim - 1)))
-        return jnp.where(preparing & seekers, jnp.zeros_like(part), part)
+    def _check_senses(self) -> None:
+        observed = self.env.observation_space.spaces
+        if not self._senses:
+            raise ValueError("blind: got True, and no sense to take away; takes LineOfSight or Lidar inside")
+        for key in [key for sense in self._senses for key in sense.senses]:
+            if key not in observed:
+                raise ValueError(f"blind: {key!r} is not observed any more; put PreparationPhase inside what hid it")
 
     def _observed(self, state: State) -> State:
         left = jnp.maximum(1 - state.step / max(self.n_steps, 1), 0.0) if self.n_steps else jnp.zeros(())
         remaining = jnp.full((self.base.n_agents, 1), left, jnp.float32)
+        for sense in self._senses:
+            state = sense.blind(state, (state.step < self.n_steps) & self._seekers)
         return state.replace(obs=state.obs | {"prep_remaining": remaining})

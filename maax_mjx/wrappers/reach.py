@@ -1,4 +1,4 @@
-"""How far agents are from objects."""
+"""What agents can reach."""
 
 from __future__ import annotations
 
@@ -6,32 +6,61 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from maax_mjx.base import Base
+from maax_mjx.checks import check_bool
 from maax_mjx.modules import Entities
+from maax_mjx.physics.rotation import conjugate, rotate
 from maax_mjx.state import State
+from maax_mjx.wrappers.senses import LineOfSight
+from maax_mjx.wrappers.wrapper import Wrapper
 
 
-def distance_to_objects(base: Base, modules: Sequence[Entities], state: State) -> jax.Array:
-    """(n_agents, n) metres from agents' centres to the surfaces of objects, as oriented boxes; 0 inside.
+class Reach:
+    """Which objects of some modules are within reach of whom.
+
+    Args:
+        wrapper: whose mechanic this is for.
+        objects: names of the modules.
+        radius: metres from an agent's centre to an object's surface.
+        in_vision_only: whether what the agent did not see after the step before is out of reach.
+
+    Attributes:
+        modules: the modules.
+        n: how many objects they have.
+
+    Raises:
+        ValueError: an unknown module; vision without a `LineOfSight` that looks at them.
+    """
+
+    def __init__(self, wrapper: Wrapper, objects: Sequence[str], radius: float, in_vision_only: bool):
+        self._base = wrapper.base
+        self.modules: list[Entities] = [self._base.movable(name) for name in objects]
+        self.n = sum(module.n_max for module in self.modules)
+        if not self.n:
+            raise ValueError(f"objects: got {list(objects)}, of which there are none; takes modules that hold some")
+        self._radius = radius
+        self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None
+        if self._sight is not None:
+            self._sight.check_sees([m for m in self.modules if m.n_max])
+
+    def __call__(self, state: State) -> tuple[jax.Array, jax.Array]:
+        """(n_agents, n) distances in metres, and bool: what is within reach, of whom and what is in play."""
+        distance = distance_to_objects(self._base.agents.body_ids, self.modules, state)
+        present = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
+        near = (distance <= self._radius) & present & state.world.active[self._base.agents.kind][:, None]
+        if self._sight is not None:
+            near &= self._sight.seen(state, [m for m in self.modules if m.n_max])
+        return distance, near
+
+
+def distance_to_objects(bodies: np.ndarray, modules: Sequence[Entities], state: State) -> jax.Array:
+    """(n_bodies, n) metres from the centres of bodies to the surfaces of objects, as oriented boxes; 0 inside.
 
     Ramps and cylinders are taken as their boxes, as OpenAI takes them.
     """
-    agents = state.data.xpos[base.agents.body_ids]
     centres = jnp.concatenate([state.data.xpos[m.body_ids] for m in modules])
     quats = jnp.concatenate([state.data.xquat[m.body_ids] for m in modules])
     half = jnp.concatenate([m.extents_of(state.world) for m in modules]) / 2
-    local = _into_frame(quats, agents[:, None] - centres)
+    local = rotate(conjugate(quats), state.data.xpos[bodies][:, None] - centres)
     return jnp.linalg.norm(jnp.maximum(jnp.abs(local) - half, 0.0), axis=-1)
-
-
-def present(modules: Sequence[Entities], state: State) -> jax.Array:
-    """(n,) bool: which objects are in play."""
-    return jnp.concatenate([state.world.active[m.kind] for m in modules])
-
-
-def _into_frame(quat: jax.Array, vector: jax.Array) -> jax.Array:
-    """Vectors (..., n, 3) of the world in the frames of unit quaternions (n, 4)."""
-    w, axis = quat[:, :1], quat[:, 1:]
-    across = 2 * jnp.cross(-axis, vector)
-    return vector + w * across + jnp.cross(-axis, across)

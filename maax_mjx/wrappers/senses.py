@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,16 +11,19 @@ import numpy as np
 
 from maax_mjx.checks import check_choice, check_count, check_positive
 from maax_mjx.env import Environment
-from maax_mjx.params import DomainParams
+from maax_mjx.modules import Entities
 from maax_mjx.physics.rays import Rays
 from maax_mjx.state import State
-from maax_mjx.wrappers.wrapper import ObservationWrapper, Wrapper
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper, null_rows
 
 CONE = 3 * np.pi / 4
 FRAMES = ("world", "agent")
 
 
-class _Senses(Wrapper):
+class _Senses(StateWrapper):
+    precedes = (PreparationPhase,)
+
     @cached_property
     def _rays(self) -> Rays:
         return Rays(self.base.model, self.base.overlay)
@@ -57,13 +59,32 @@ class LineOfSight(_Senses):
         modules = [self.base.agents, *(self.base.movable(name) for name in objects)]
         self.modules = [module for module in modules if module.n_max]
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self._looked(self.env.reset(key, params))
+    @property
+    def senses(self) -> tuple[str, ...]:
+        return tuple(f"sees_{m.name}" for m in self.modules)
 
-    def step(self, state: State, action: Any) -> State:
-        return self._looked(self.env.step(state, action))
+    def seen(self, state: State, modules: Sequence[Entities]) -> jax.Array:
+        """(n_agents, n) bool: who of the agents sees which objects of some modules, in a state that it has led to."""
+        masks = state.mechanics[self.name]
+        return jnp.concatenate([masks[f"sees_{m.name}"] for m in modules], axis=1)
 
-    def _looked(self, state: State) -> State:
+    def check_sees(self, modules: Sequence[Entities]) -> None:
+        """Refuses modules whose objects are not looked at.
+
+        Raises:
+            ValueError: naming one.
+        """
+        for module in modules:
+            if module not in self.modules:
+                raise ValueError(
+                    f"in_vision_only: LineOfSight does not look at {module.name!r}; takes what it does, "
+                    f"{[m.name for m in self.modules]}: LineOfSight(env, objects=[...])"
+                )
+
+    def blind(self, state: State, who: jax.Array) -> State:
+        return self.remember(super().blind(state, who), null_rows(state.mechanics[self.name], who))
+
+    def look(self, state: State) -> State:
         bodies = np.concatenate([m.body_ids for m in self.modules])
         eyes, heading = self._eyes(state)
         n = len(eyes)
@@ -80,7 +101,7 @@ class LineOfSight(_Senses):
         seen = ((jnp.abs(turn) <= self.half_cone) & (met == bodies) & (geom >= 0).reshape(n, -1)) | itself
         seen &= there & state.world.active[self.base.agents.kind][:, None]
         parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
-        masks = {f"sees_{m.name}": part for m, part in zip(self.modules, parts, strict=True)}
+        masks = dict(zip(self.senses, parts, strict=True))
         return self.remember(state, masks).replace(obs=state.obs | masks)
 
 
@@ -115,6 +136,10 @@ class Lidar(_Senses, ObservationWrapper):
         self.range = check_positive("range", range)
         self.frame = check_choice("frame", frame, FRAMES)
         self.compress = None if compress is None else check_positive("compress", compress)
+
+    @property
+    def senses(self) -> tuple[str, ...]:
+        return ("lidar",)
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         eyes, heading = self._eyes(state)

@@ -18,7 +18,8 @@ HIDERS, SEEKERS = 0, 1
 class TeamMembership(ObservationWrapper):
     """Gives every agent a team (thesis 5.2.1). Team 0 hides and team 1 seeks, where a game has these.
 
-    Adds `team_size` (n_agents, 1): how many of this world's agents are in the agent's team; 0 for absent ones.
+    Adds `agent_team` (n_agents, 1): its number; and `team_size` (n_agents, 1): how many of this world's agents are in
+    it. Both are 0 for absent agents.
 
     Args:
         env: what to wrap.
@@ -52,4 +53,5 @@ class TeamMembership(ObservationWrapper):
         active = state.world.active[self.base.agents.kind]
         same = self.team_index[:, None] == self.team_index
         size = (same & active).sum(axis=1) * active
-        return state.obs | {"team_size": size[:, None].astype(jnp.float32)}
+        obs = {"agent_team": self.team_index * active, "team_size": size}
+        return state.obs | {name: x[:, None].astype(jnp.float32) for name, x in obs.items()}

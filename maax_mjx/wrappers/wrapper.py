@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import jax
+import jax.numpy as jnp
 from gymnasium import spaces
 
 from maax_mjx.base import Base
@@ -85,6 +86,16 @@ class Wrapper(Environment):
         """The state with what this wrapper keeps of it."""
         return state.replace(mechanics=state.mechanics | {self.name: memory})
 
+    @property
+    def senses(self) -> tuple[str, ...]:
+        """The observations, (n_agents, ...) each, by which agents sense: what `blind` takes away."""
+        return ()
+
+    def blind(self, state: State, who: jax.Array) -> State:
+        """The state in which agents `who` (n_agents,) bool sense nothing through this wrapper."""
+        kept = {key: state.obs[key] for key in self.senses}
+        return state.replace(obs=state.obs | null_rows(kept, who))
+
 
 class ActionWrapper(Wrapper):
     """Changes actions before the step: implement `action`, and `action_space` if it takes others."""
@@ -97,19 +108,28 @@ class ActionWrapper(Wrapper):
         return self.env.step(state, self.action(state, action))
 
 
-class ObservationWrapper(Wrapper):
+class StateWrapper(Wrapper):
+    """Looks at the states that resets and steps lead to: implement `look`."""
+
+    def look(self, state: State) -> State:
+        """The state with what this wrapper adds to it: observations, memory, metrics."""
+        raise NotImplementedError
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        return self.look(self.env.reset(key, params))
+
+    def step(self, state: State, action: Any) -> State:
+        return self.look(self.env.step(state, action))
+
+
+class ObservationWrapper(StateWrapper):
     """Changes observations: implement `observation`. The space follows from what it gives."""
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         """The observations of the state that a reset or a step led to, whose `obs` are the inner environment's."""
         raise NotImplementedError
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        state = self.env.reset(key, params)
-        return state.replace(obs=self.observation(state))
-
-    def step(self, state: State, action: Any) -> State:
-        state = self.env.step(state, action)
+    def look(self, state: State) -> State:
         return state.replace(obs=self.observation(state))
 
 
@@ -137,3 +157,8 @@ def layers(env: Environment) -> list[Wrapper]:
 def find(env: Environment, kind: type[W]) -> W | None:
     """The outermost wrapper of a kind, if there is one."""
     return next((layer for layer in layers(env) if isinstance(layer, kind)), None)
+
+
+def null_rows(arrays: dict[str, jax.Array], who: jax.Array) -> dict[str, jax.Array]:
+    """Arrays (n_agents, ...) with zeros for agents `who`."""
+    return {k: jnp.where(who.reshape(-1, *[1] * (x.ndim - 1)), jnp.zeros_like(x), x) for k, x in arrays.items()}

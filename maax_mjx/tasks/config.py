@@ -1,0 +1,44 @@
+"""Configs: frozen dataclasses whose fields are overridden by name, those of inner ones by dotted names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+from maax_mjx.checks import check_choice
+
+C = TypeVar("C")
+
+
+def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
+    """A config with some fields changed.
+
+    Args:
+        config: a frozen dataclass.
+        overrides: values by name: "n_boxes", or "world_params.gravity" for a field of a field.
+        where: what messages call this.
+
+    Raises:
+        ValueError: an unknown name, with the nearest ones.
+    """
+    for name, value in overrides.items():
+        head, _, rest = name.partition(".")
+        inner = getattr(config, head, None)
+        if head not in {f.name for f in fields(config)}:  # type: ignore[arg-type]
+            check_choice(where, name, field_names(config))
+        if rest and (not is_dataclass(inner) or isinstance(inner, type)):
+            raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
+        config = replace(config, **{head: override(inner, {rest: value}, f"{where}, {head}") if rest else value})  # type: ignore[type-var]
+    return config
+
+
+def field_names(config: Any) -> list[str]:
+    """The names of a config's fields, and the dotted names of what is inside them."""
+    names = []
+    for f in fields(config):
+        inner = getattr(config, f.name)
+        names.append(f.name)
+        if is_dataclass(inner) and not isinstance(inner, type):
+            names += [f"{f.name}.{name}" for name in field_names(inner)]
+    return names

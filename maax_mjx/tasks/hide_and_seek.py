@@ -1,0 +1,188 @@
+"""Hide-and-seek: the thesis's, and the two that Baker et al. published."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+
+from maax_mjx.env import Environment
+from maax_mjx.tasks.observe import observed_by_agents
+from maax_mjx.tasks.standard import CountRange, Placement, Range, StandardConfig, standard
+from maax_mjx.worldgen import WorldParams
+from maax_mjx.wrappers import (
+    AgentAgentContactMask2D,
+    DiscretizeActions,
+    GrabObjects,
+    HideAndSeekReward,
+    Lidar,
+    LineOfSight,
+    LockObjects,
+    PreparationPhase,
+    RestrictAgentsRect,
+    TeamMembership,
+    TrackStats,
+)
+from maax_mjx.wrappers.senses import CONE
+
+
+@dataclass(frozen=True)
+class LockConfig:
+    """Arguments of `LockObjects`."""
+
+    objects: tuple[str, ...] = ("boxes", "ramps")
+    lock_type: str = "team"
+    radius: float = 0.25
+    method: str = "equality"
+    per_object: bool = True
+    in_vision_only: bool = False
+
+
+@dataclass(frozen=True)
+class GrabConfig:
+    """Arguments of `GrabObjects`."""
+
+    objects: tuple[str, ...] = ("boxes", "ramps")
+    radius: float = 0.25
+    exclusive: bool = False
+    selective: bool = False
+    in_vision_only: bool = False
+
+
+@dataclass(frozen=True)
+class LidarConfig:
+    """Arguments of `Lidar`."""
+
+    n_rays: int = 30
+    range: float = 6.0
+    frame: str = "world"
+    compress: float | None = None
+
+
+@dataclass(frozen=True)
+class RectConfig:
+    """Arguments of `RestrictAgentsRect`."""
+
+    rect: tuple[float, float, float, float] = (0.1, 0.1, 5.9, 5.9)
+    penalty: float = 10.0
+    penalize_objects_out: bool = True
+
+
+@dataclass(frozen=True)
+class HideAndSeekConfig(StandardConfig):
+    """The thesis's game (section 5.2.1): M, touching counts, locking, rewards at every step after preparation.
+
+    Attributes:
+        prep_fraction, blind: see `PreparationPhase`.
+        by, rew_type, reward_scale: see `HideAndSeekReward`.
+        cone: of `LineOfSight` in radians, full; None leaves vision out.
+        lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
+        n_bins: bins of the movement, see `DiscretizeActions`; None is forces.
+        stats: whether `metrics` tell what happened, see `TrackStats`.
+        observations: "raw", "split" (arrays for every agent) or "flat" (one vector for every agent); see
+            `tasks.observe`.
+        observe: of flat observations, what is privileged: "self" (nothing), "team" or "all".
+    """
+
+    prep_fraction: float = 0.4
+    blind: bool = False
+    by: str = "contact"
+    rew_type: str = "selfish"
+    reward_scale: float = 1.0
+    cone: float | None = None
+    lock: LockConfig | None = LockConfig()
+    grab: GrabConfig | None = None
+    lidar: LidarConfig | None = None
+    rect: RectConfig | None = None
+    n_bins: int | None = None
+    stats: bool = True
+    observations: str = "flat"
+    observe: str = "self"
+
+
+@dataclass(frozen=True)
+class QuadrantConfig(HideAndSeekConfig):
+    """`quadrant.jsonnet` of Baker et al.'s published code, number for number.
+
+    2 hiders anywhere and 2 seekers outside the quadrant, 2 boxes in it, a ramp anywhere that cannot be locked; half of
+    the worlds have one door, half two. 80 steps of 15 physics steps, the first 32 of them preparation; gravity -50;
+    friction 0.2 of boxes and floor, 0.01 of everything else; forces up to 90 N and torques up to 90 Nm in 11 bins.
+    Seeing counts, in a cone of 135 degrees; a team wins or loses together; who is outside [0.1, 5.9] loses 10, and all
+    do while an object is. Locking and grabbing within 0.25 m, each one choice for everything in reach.
+
+    What differs from the published code: placement outside the quadrant is uniform by area; distances and cones are
+    from objects' centres (theirs: the corners); lidar reads at most its range; Newton takes up to 20 iterations.
+    """
+
+    n_boxes: CountRange = 2
+    hider_placement: Placement = "uniform"
+    box_placement: Placement = "quad"
+    p_door_dropout: Range = 0.5
+    agent_friction: Range | None = 0.01
+    box_friction: Range | None = 0.2
+    ramp_friction: Range | None = 0.01
+    wall_friction: Range | None = 0.01
+    floor_friction: Range | None = 0.2
+    gear: Range = 90.0
+    n_frames: int = 15
+    horizon: int = 80
+    world_params: WorldParams = field(default_factory=lambda: WorldParams(gravity=-50.0))
+    by: str = "vision"
+    rew_type: str = "team_zero_sum"
+    cone: float | None = CONE
+    lock: LockConfig | None = LockConfig(objects=("boxes",), per_object=False)
+    grab: GrabConfig | None = GrabConfig()
+    lidar: LidarConfig | None = LidarConfig()
+    rect: RectConfig | None = RectConfig()
+    n_bins: int | None = 11
+    observations: str = "split"
+
+
+@dataclass(frozen=True)
+class FullConfig(QuadrantConfig):
+    """`hide_and_seek_full.jsonnet` of Baker et al.'s published code, number for number.
+
+    1 to 4 random rooms, outer walls in half of the worlds; 3 to 9 boxes, of which 3 to 9 elongated, and 2 ramps, all
+    lockable; every team starts within 0.5 m of its first member. 240 steps, the first 96 of them preparation; the
+    penalty is for leaving a square of 18 m around the floor, and not for objects. The rest is as of `QuadrantConfig`.
+    The paper draws 1 to 3 agents of each team: `n_hiders=(1, 3), n_seekers=(1, 3)`; the published code has 2 and 2.
+    """
+
+    scenario: str = "random"
+    n_boxes: CountRange = (3, 9)
+    n_elongated_boxes: CountRange = (3, 9)
+    n_ramps: CountRange = 2
+    hider_placement: Placement = "team"
+    seeker_placement: Placement = "team"
+    box_placement: Placement = "uniform"
+    p_door_dropout: Range = 0.0
+    n_rooms: CountRange = (1, 4)
+    prob_outside_walls: Range = 0.5
+    horizon: int = 240
+    lock: LockConfig | None = LockConfig(per_object=False)
+    rect: RectConfig | None = RectConfig((-6.0, -6.0, 12.0, 12.0), penalize_objects_out=False)
+
+
+def hide_and_seek(config: HideAndSeekConfig) -> Environment:
+    """Builds the game of a config.
+
+    Raises:
+        ValueError: what the world and the wrappers refuse.
+    """
+    env: Environment = TeamMembership(standard(config))
+    env = AgentAgentContactMask2D(env)
+    if config.cone is not None:
+        env = LineOfSight(env, config.cone)
+    if config.lidar is not None:
+        env = Lidar(env, **asdict(config.lidar))
+    if config.lock is not None:
+        env = LockObjects(env, **asdict(config.lock))
+    if config.grab is not None:
+        env = GrabObjects(env, **asdict(config.grab))
+    env = HideAndSeekReward(env, config.rew_type, config.by, config.reward_scale)
+    if config.rect is not None:
+        env = RestrictAgentsRect(env, **asdict(config.rect))
+    env = PreparationPhase(env, config.prep_fraction, config.blind)
+    if config.stats:
+        env = TrackStats(env)
+    if config.n_bins is not None:
+        env = DiscretizeActions(env, config.n_bins)
+    return observed_by_agents(env, config.observations, config.observe)

@@ -1,0 +1,118 @@
+"""Actions that are not open to an agent now, and things that it does not see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.checks import check_choice
+from maax_mjx.env import Environment
+from maax_mjx.state import State
+from maax_mjx.wrappers.actions import DiscretizeActions
+from maax_mjx.wrappers.senses import LineOfSight
+from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
+from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, null_rows
+
+Mask = Callable[[State], jax.Array]
+
+
+class MaskActions(ActionWrapper):
+    """Nulls what a mask does not allow of one action (OpenAI's MaskActionWrapper).
+
+    Args:
+        env: what to wrap.
+        action: its name.
+        mask: a function from the state before the step to (n_agents,) or (n_agents, k) bool, as many as the action
+            has; or names of what `LineOfSight` found after the step before, such as `("sees_boxes", "sees_ramps")`,
+            joined along the last axis.
+
+    Raises:
+        ValueError: an unknown action or name, or a mask of another shape than the action's.
+    """
+
+    precedes = (DiscretizeActions,)
+
+    def __init__(self, env: Environment, action: str, mask: Mask | Sequence[str]):
+        super().__init__(env)
+        self.masked = check_choice("action", action, env.action_space.spaces)
+        self._mask = mask if callable(mask) else self._seen(mask)
+        shape = env.action_space[action].shape or ()
+        got = jax.eval_shape(lambda key: self._mask(env.reset(key)), jax.random.key(0)).shape
+        if got not in (shape[:1], shape):
+            raise ValueError(f"mask: has shape {got}; takes {shape[:1]} or {shape}, as action {action!r}")
+
+    def _seen(self, names: Sequence[str]) -> Mask:
+        sight = self.inner(LineOfSight)
+        names = [check_choice("mask", name, sight.senses) for name in names]
+        return lambda state: jnp.concatenate([state.mechanics[sight.name][name] for name in names], axis=1)
+
+    def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
+        part, mask = jnp.asarray(action[self.masked]), self._mask(state)
+        mask = mask.reshape(*mask.shape, *[1] * (part.ndim - mask.ndim))
+        return {**action, self.masked: jnp.where(mask, part, jnp.zeros_like(part))}
+
+
+class MaskUnseenAction(ActionWrapper):
+    """Nulls one action of a team while any seeker saw any hider after the step before (OpenAI's MaskUnseenAction).
+
+    Args:
+        env: what to wrap.
+        action: its name.
+        team: whose, of `TeamMembership`.
+
+    Raises:
+        ValueError: an unknown action or team, or a missing wrapper.
+    """
+
+    requires = (TeamMembership, LineOfSight)
+    precedes = (DiscretizeActions,)
+
+    def __init__(self, env: Environment, action: str, team: int = HIDERS):
+        super().__init__(env)
+        self.masked = check_choice("action", action, env.action_space.spaces)
+        teams = self.inner(TeamMembership)
+        if team not in range(teams.n_teams):
+            raise ValueError(f"team: got {team!r}; takes one of {list(range(teams.n_teams))}")
+        self._team, self._hiders, self._seekers = teams.of(team), teams.of(HIDERS), teams.of(SEEKERS)
+
+    def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
+        sees = state.mechanics[LineOfSight.name]["sees_agents"]
+        seen = (sees & self._seekers[:, None] & self._hiders).any()
+        part = {self.masked: jnp.asarray(action[self.masked])}
+        return {**action, **null_rows(part, seen & self._team)}
+
+
+class MaskObservations(ObservationWrapper):
+    """Hides what an agent does not see: zeros instead, as for what is not in play.
+
+    For policies without attention, which can make no use of masks.
+
+    Args:
+        env: what to wrap; its observations are split.
+        masks: by observation (n_agents, k, ...), the mask (n_agents, k) of what is shown, such as
+            `{"box_obs": "sees_boxes"}`. Masks stay.
+
+    Raises:
+        ValueError: a name that is not observed, or shapes that do not fit.
+    """
+
+    def __init__(self, env: Environment, masks: Mapping[str, str]):
+        super().__init__(env)
+        self.masks = dict(masks)
+        observed = env.observation_space.spaces
+        for key, mask in self.masks.items():
+            for name in (key, mask):
+                check_choice("masks", name, observed)
+            shape, takes = observed[mask].shape or (), (observed[key].shape or ())[:2]
+            if shape != takes:
+                raise ValueError(f"masks: {mask!r} has shape {shape}; takes {takes} for {key!r}")
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        def show(key: str, mask: str) -> jax.Array:
+            x, shown = state.obs[key], state.obs[mask] > 0
+            return jnp.where(shown.reshape(*shown.shape, *[1] * (x.ndim - 2)), x, jnp.zeros_like(x))
+
+        return state.obs | {key: show(key, mask) for key, mask in self.masks.items()}

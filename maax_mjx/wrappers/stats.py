@@ -1,0 +1,122 @@
+"""What happened in an episode, in numbers."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+
+from maax_mjx.env import Environment
+from maax_mjx.modules import Entities
+from maax_mjx.params import DomainParams
+from maax_mjx.state import State
+from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.locks import LockObjects
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
+from maax_mjx.wrappers.wrapper import StateWrapper, find
+
+
+class Stats(struct.PyTreeNode):
+    """What the numbers are made from.
+
+    Attributes:
+        start: (n, 2) where all movable things began, in metres.
+        before: (n, 2) where they were after the step before.
+        touching: (n_agents, n_agents) bool, who touched whom then.
+        totals: the metrics that add up or hold: by name.
+    """
+
+    start: jax.Array
+    before: jax.Array
+    touching: jax.Array
+    totals: dict[str, jax.Array]
+
+
+class TrackStats(StateWrapper):
+    """Adds to `state.metrics` what happened in the episode so far (OpenAI's TrackStatWrapper, and more).
+
+    - `max_box_move`, `max_ramp_move`, ...: how far the one that is furthest from where it began is, in metres.
+    - `boxes_locked`, `ramps_locked`, ...: how many are locked; with `LockObjects` inside.
+    - `distance_run` (n_agents,): the way that every agent went, in metres.
+    - `catches`: how often a seeker came to touch a hider, after preparation; with `AgentAgentContactMask2D` and
+      `TeamMembership` inside.
+
+    With `PreparationPhase` inside, those of boxes, ramps and so on are there as `<name>_prep` too, as they were at its
+    last step, and zero before.
+
+    Args:
+        env: what to wrap.
+    """
+
+    name = "stats"
+
+    def __init__(self, env: Environment):
+        super().__init__(env)
+        self._modules = self.base.movables
+        self._locks = find(env, LockObjects)
+        preparation = find(env, PreparationPhase)
+        self._prep_steps = None if preparation is None else preparation.n_steps
+        teams = find(env, TeamMembership)
+        self._catches = teams is not None and find(env, AgentAgentContactMask2D) is not None
+        if teams is not None:
+            self._pairs = teams.of(SEEKERS)[:, None] & teams.of(HIDERS)
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        state = self.env.reset(key, params)
+        here = self._positions(state)
+        n = self.base.n_agents
+        totals = {"distance_run": jnp.zeros(n)}
+        if self._catches:
+            totals["catches"] = jnp.zeros((), jnp.int32)
+        if self._prep_steps is not None:
+            zeros = jax.tree.map(jnp.zeros_like, self._things(state, here, here))
+            totals |= {f"{name}_prep": value for name, value in zeros.items()}
+        return self._told(self.remember(state, Stats(here, here, self._touching(state), totals)), here)
+
+    def look(self, state: State) -> State:
+        stats: Stats = state.mechanics[self.name]
+        here, touching = self._positions(state), self._touching(state)
+        totals = dict(stats.totals)
+        way = jnp.linalg.norm(here - stats.before, axis=1)[self._rows(self.base.agents)]
+        totals["distance_run"] += jnp.where(state.world.active[self.base.agents.kind], way, 0.0)
+        if self._catches:
+            playing = jnp.ones((), bool) if self._prep_steps is None else state.step > self._prep_steps
+            new = (touching & ~stats.touching & self._pairs).sum()
+            totals["catches"] += jnp.where(playing, new, 0).astype(jnp.int32)
+        if self._prep_steps is not None:
+            for name, value in self._things(state, stats.start, here).items():
+                at_end = state.step == self._prep_steps
+                totals[f"{name}_prep"] = jnp.where(at_end, value, totals[f"{name}_prep"])
+        return self._told(self.remember(state, stats.replace(before=here, touching=touching, totals=totals)), here)
+
+    def _told(self, state: State, here: jax.Array) -> State:
+        stats: Stats = state.mechanics[self.name]
+        return state.replace(metrics=state.metrics | stats.totals | self._things(state, stats.start, here))
+
+    def _things(self, state: State, start: jax.Array, here: jax.Array) -> dict[str, jax.Array]:
+        """How far objects are from where they began, and how many are locked."""
+        numbers: dict[str, jax.Array] = {}
+        away = jnp.linalg.norm(here - start, axis=1)
+        for module in self._modules:
+            if module is not self.base.agents:
+                moved = jnp.where(state.world.active[module.kind], away[self._rows(module)], 0.0)
+                numbers[f"max_{module.kind}_move"] = moved.max()
+        if self._locks is not None:
+            parts = np.cumsum([m.n_max for m in self._locks.modules])[:-1]
+            locked = jnp.split(state.mechanics[self._locks.name].locked, parts)
+            for module, part in zip(self._locks.modules, locked, strict=True):
+                numbers[f"{module.name}_locked"] = part.sum().astype(jnp.int32)
+        return numbers
+
+    def _positions(self, state: State) -> jax.Array:
+        return jnp.concatenate([state.data.qpos[m.qpos_ids[:, :2]] for m in self._modules])
+
+    def _rows(self, module: Entities) -> slice:
+        first = sum(m.n_max for m in self._modules[: self._modules.index(module)])
+        return slice(first, first + module.n_max)
+
+    def _touching(self, state: State) -> jax.Array:
+        n = self.base.n_agents
+        return state.mechanics[AgentAgentContactMask2D.name] if self._catches else jnp.zeros((n, n), bool)

@@ -1,0 +1,98 @@
+"""The rules of tag."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from maax_mjx.checks import check_count, check_positive
+from maax_mjx.env import Environment
+from maax_mjx.params import DomainParams
+from maax_mjx.state import State
+from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.wrapper import Wrapper
+
+
+class Tagged(struct.PyTreeNode):
+    """Who is it.
+
+    Attributes:
+        it: () int32, who.
+        safe: () int32, who was it before; -1 for nobody.
+        safe_for: () int32, for how many more steps that one cannot be tagged.
+        tags: () int32, how often somebody was tagged in this episode.
+    """
+
+    it: jax.Array
+    safe: jax.Array
+    safe_for: jax.Array
+    tags: jax.Array
+
+
+class Tag(Wrapper):
+    """One agent is it, and passes that on by touching another.
+
+    Who is it at first is drawn; of several that are touched at once, one is drawn. Who was it before cannot be tagged
+    back for `immunity` steps. At every step whoever is it then loses 1, which the others share. Adds `is_it`
+    (n_agents, 1), and `metrics["tags"]`.
+
+    Args:
+        env: what to wrap.
+        immunity: steps.
+        scale: what the reward is multiplied with.
+
+    Raises:
+        ValueError: a negative immunity, a scale that is not positive, or no `AgentAgentContactMask2D` inside.
+    """
+
+    name = "tag"
+    requires = (AgentAgentContactMask2D,)
+
+    def __init__(self, env: Environment, immunity: int = 50, scale: float = 1.0):
+        super().__init__(env)
+        self.immunity = check_count("immunity", immunity)
+        self.scale = check_positive("scale", scale)
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        state = self.env.reset(key, params)
+        key, draw = jax.random.split(state.key)
+        none = jnp.full((), -1, jnp.int32)
+        nothing = jnp.zeros((), jnp.int32)
+        tagged = Tagged(_draw(draw, self._playing(state)), none, nothing, nothing)
+        return self._observed(self.remember(state.replace(key=key), tagged))
+
+    def step(self, state: State, action: Any) -> State:
+        tagged: Tagged = state.mechanics[self.name]
+        state = self.env.step(state, action)
+        key, draw = jax.random.split(state.key)
+        players = jnp.arange(self.base.n_agents)
+        safe = (players == tagged.safe) & (tagged.safe_for > 0)
+        touched = state.mechanics[AgentAgentContactMask2D.name][tagged.it] & ~safe
+        passed = touched.any()
+        tagged = Tagged(
+            it=jnp.where(passed, _draw(draw, touched), tagged.it),
+            safe=jnp.where(passed, tagged.it, tagged.safe),
+            safe_for=jnp.where(passed, self.immunity, jnp.maximum(tagged.safe_for - 1, 0)).astype(jnp.int32),
+            tags=tagged.tags + passed,
+        )
+        state = self.remember(state.replace(key=key), tagged)
+        playing, is_it = self._playing(state), players == tagged.it
+        share = 1 / jnp.maximum(playing.sum() - 1, 1)
+        own = jnp.where(playing, jnp.where(is_it, -1.0, share), 0.0)
+        return self._observed(state.replace(reward=state.reward + self.scale * own))
+
+    def _playing(self, state: State) -> jax.Array:
+        return state.world.active[self.base.agents.kind]
+
+    def _observed(self, state: State) -> State:
+        tagged: Tagged = state.mechanics[self.name]
+        is_it = (jnp.arange(self.base.n_agents) == tagged.it).astype(jnp.float32)
+        return state.replace(obs=state.obs | {"is_it": is_it[:, None]}, metrics=state.metrics | {"tags": tagged.tags})
+
+
+def _draw(key: jax.Array, among: jax.Array) -> jax.Array:
+    """() int32, one of those for whom `among` (n,) is true."""
+    return jnp.where(among, jax.random.uniform(key, among.shape), -1.0).argmax().astype(jnp.int32)
