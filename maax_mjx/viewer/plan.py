@@ -17,6 +17,7 @@ from maax_mjx.env import Environment
 from maax_mjx.modules import Entities, Placed, Sites
 from maax_mjx.physics import World, overlaid_model
 from maax_mjx.state import State
+from maax_mjx.wrappers import GrabObjects, LockObjects, find
 
 EDGE = "#333333"
 DOOR = "#009e73"
@@ -25,7 +26,8 @@ GIF_FPS = 25
 
 def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None:
     """Draws one world: walls (high ones dark), doors (dashed), agents with their heading, boxes, ramps (arrow uphill),
-    cylinders, sites.
+    cylinders, sites; locked objects with a lock in the colour of who locked them, and lines from agents to what they
+    hold.
 
     Args:
         ax: where to draw; cleared first.
@@ -51,6 +53,8 @@ def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None
                     _draw_entity(ax, model, state, module, int(slot))
                 elif isinstance(module, Sites):
                     _draw_site(ax, state.world, module, int(slot))
+    _draw_locks(ax, env, state, model)
+    _draw_holds(ax, env, state)
     if title:
         ax.set_title(title, fontsize=8)
 
@@ -133,6 +137,32 @@ def _draw_entity(ax: Axes, model: mujoco.MjModel, state: State, module: Entities
         front = -np.asarray(state.data.geom_xmat[first])[:2, 1]
         tip = centre + 0.28 * front
         ax.plot([centre[0], tip[0]], [centre[1], tip[1]], color="black", linewidth=1.2, zorder=5 + height)
+
+
+def _draw_locks(ax: Axes, env: Environment, state: State, model: mujoco.MjModel) -> None:
+    locking = find(env, LockObjects)
+    if locking is None:
+        return
+    bodies = np.concatenate([m.body_ids for m in locking.modules])
+    locks = state.mechanics[locking.name]
+    for body, owner in zip(bodies, np.asarray(locks.owner), strict=True):
+        if owner >= 0:
+            x, y, z = np.asarray(state.data.xpos[body])
+            color = model.geom_rgba[env.base.agents.geom_ids[owner]]
+            style = dict(edgecolor=color, facecolor="white", linewidth=1.6, zorder=6 + z)
+            ax.add_patch(Circle((x, y + 0.07), 0.055, **style))
+            ax.add_patch(Rectangle((x - 0.09, y - 0.1), 0.18, 0.15, **(style | {"facecolor": color})))
+
+
+def _draw_holds(ax: Axes, env: Environment, state: State) -> None:
+    grabbing = find(env, GrabObjects)
+    if grabbing is None:
+        return
+    bodies = np.concatenate([m.body_ids for m in grabbing.modules])
+    for agent, held in zip(env.base.agents.body_ids, np.asarray(state.mechanics[grabbing.name].held), strict=True):
+        if held >= 0:
+            ends = np.asarray(state.data.xpos)[[agent, bodies[held]], :2]
+            ax.plot(*ends.T, color="black", linewidth=2.5, linestyle=":", zorder=7)
 
 
 def _draw_geom(ax: Axes, model: mujoco.MjModel, state: State, geom: int, zorder: float) -> None:

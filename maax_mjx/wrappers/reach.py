@@ -46,6 +46,7 @@ class Reach:
 
     def __call__(self, state: State) -> tuple[jax.Array, jax.Array]:
         """(n_agents, n) distances in metres, and bool: what is within reach, of whom and what is in play."""
+        _ = self._base.model  # gives the modules their ids, where nothing was reset yet
         distance = distance_to_objects(self._base.agents.body_ids, self.modules, state)
         present = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         near = (distance <= self._radius) & present & state.world.active[self._base.agents.kind][:, None]

@@ -105,6 +105,7 @@ class ActionWrapper(Wrapper):
         raise NotImplementedError
 
     def step(self, state: State, action: Any) -> State:
+        _ = self.base.model  # gives the modules their ids, where nothing was reset yet
         return self.env.step(state, self.action(state, action))
 
 

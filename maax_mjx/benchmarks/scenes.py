@@ -1,0 +1,47 @@
+"""Pictures of scripted agents playing: `python -m maax_mjx.benchmarks.scenes --help`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import tyro
+from tqdm import tqdm
+
+from maax_mjx.tasks.scenes import SCENES
+from maax_mjx.viewer import gif
+
+FRAMES = 120
+
+
+@dataclass
+class Config:
+    """Options.
+
+    Attributes:
+        scene: which plays to draw.
+        impl: the engine.
+        seed: of the worlds.
+        out: folder for the gifs, named after their scenes.
+    """
+
+    scene: tuple[str, ...] = tuple(SCENES)
+    impl: str = "auto"
+    seed: int = 0
+    out: Path = Path("maax-out")
+
+
+def main(config: Config) -> None:
+    """Plays every scene and writes its gif."""
+    config.out.mkdir(parents=True, exist_ok=True)
+    for name in tqdm(config.scene, unit="scene"):
+        scene = SCENES[name](config.impl)
+        _, states = jax.device_get(jax.jit(scene.play)(jax.jit(scene.reset)(jax.random.key(config.seed))))
+        every = max(1, scene.n_steps // FRAMES)
+        frames = [jax.tree.map(lambda x, t=t: x[t], states) for t in range(0, scene.n_steps, every)]
+        gif(scene.env, frames, config.out / f"{name}.gif")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

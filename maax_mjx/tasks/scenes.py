@@ -1,0 +1,128 @@
+"""Short plays by scripted agents that show that the game works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.env import Environment
+from maax_mjx.layout import Layout
+from maax_mjx.layout.placement import requires_quadrant
+from maax_mjx.state import State
+from maax_mjx.tasks import scripted
+from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
+from maax_mjx.tasks.registry import make
+
+HIDER, SEEKER = 0, 1
+MARGIN = 4
+"""Cells between a box and the quadrant's walls, so that an agent can get behind it."""
+
+
+class Scene(NamedTuple):
+    """A play.
+
+    Attributes:
+        env: what is played; hiders first.
+        reset: key to state.
+        act: state to action.
+        n_steps: how long it takes.
+    """
+
+    env: Environment
+    reset: Callable[[jax.Array], State]
+    act: Callable[[State], dict[str, Any]]
+    n_steps: int
+
+    def play(self, state: State) -> tuple[State, State]:
+        """The last state, and the states after all steps; traceable.
+
+        Args:
+            state: from `reset`.
+        """
+
+        _ = self.env.base.model  # gives the modules their ids, where nothing was reset yet
+
+        def step(state: State, _: None) -> tuple[State, State]:
+            state = self.env.step(state, self.act(state))
+            return state, state
+
+        return jax.lax.scan(step, state, length=self.n_steps)
+
+
+def catch(impl: str = "auto") -> Scene:
+    """A seeker walks at the nearest of two hiders, who wander about an empty room."""
+    env = make(
+        "hide_and_seek", impl=impl, scenario="empty", n_hiders=2, n_seekers=1, n_boxes=0, n_ramps=0,
+        prep_fraction=0.2, lock=None, horizon=1001, observations="raw",
+    )  # fmt: skip
+    hiders = jnp.array([True, True, False])
+
+    def act(state: State) -> dict[str, Any]:
+        first, second = (jax.random.fold_in(state.key, i) for i in range(2))
+        forces = [scripted.wander(first, state.step), scripted.wander(second, state.step)]
+        return scripted.to_action(env, jnp.stack([*forces, scripted.chase(state, env, 2, hiders)]))
+
+    return Scene(env, env.reset, act, 1000)
+
+
+def closed_door(impl: str = "auto", *, close: bool = True) -> Scene:
+    """A hider carries a box into the one door of its quadrant and locks it there, before the seeker may move.
+
+    Args:
+        impl: the engine.
+        close: whether it does; else it stands still.
+    """
+    env = make(
+        "hide_and_seek", impl=impl, n_hiders=1, n_seekers=1, n_ramps=0, p_door_dropout=1.0,
+        box_placement=_away_from_walls, lock=LockConfig(("boxes",)), grab=GrabConfig(("boxes",)), horizon=1001,
+        observations="raw",
+    )  # fmt: skip
+
+    def act(state: State) -> dict[str, Any]:
+        forces, parts = scripted.close_door(state, env, HIDER)
+        seeking = scripted.chase(state, env, SEEKER, jnp.array([True, False]))
+        chosen = {name: jnp.array([1, 0]) * part * close for name, part in parts.items()}
+        return scripted.to_action(env, jnp.stack([forces * close, seeking]), **chosen)
+
+    return Scene(env, env.reset, act, 1000)
+
+
+def over_the_wall(impl: str = "auto") -> Scene:
+    """A seeker walks up a ramp at a quadrant without doors, and gets in: with the constants of Baker et al."""
+    env = make(
+        "hide_and_seek_quadrant", impl=impl, n_hiders=1, n_seekers=1, n_boxes=0, door_size=0, p_door_dropout=0.0,
+        prep_fraction=0.0, lock=None, grab=None, hider_placement="quad", n_bins=None, observations="raw",
+    )  # fmt: skip
+    base = env.base
+
+    def reset(key: jax.Array) -> State:
+        state = env.reset(key)
+        wall = state.world.plan.quadrant[3] * base.floor_size / base.grid_size
+        ramp, seeker = base.modules["ramps"].qpos_ids[0], base.agents.qpos_ids[SEEKER]  # type: ignore[attr-defined]
+        x = jax.random.uniform(key, minval=3.8, maxval=5.2)
+        qpos = state.data.qpos.at[ramp].set(jnp.stack([x, wall + 0.31, 0.25, 0.0]))
+        qpos = qpos.at[seeker].set(jnp.stack([x, wall + 1.5, 0.15, 0.0]))
+        return state.replace(data=base.engine.pose(state.world, state.data.replace(qpos=qpos)))
+
+    def act(state: State) -> dict[str, Any]:
+        here = state.data.xpos[base.agents.body_ids[SEEKER], :2]
+        hider = state.data.xpos[base.agents.body_ids[HIDER], :2]
+        goal = jnp.where(scripted.in_quadrant(state, env, here), hider, jnp.stack([here[0], 1.0]))
+        return scripted.to_action(env, jnp.stack([jnp.zeros(3), scripted.towards(state, env, SEEKER, goal)]))
+
+    return Scene(env, reset, act, 60)
+
+
+SCENES = {"catch": catch, "closed_door": closed_door, "over_the_wall": over_the_wall}
+
+
+@requires_quadrant
+def _away_from_walls(layout: Layout, cells: jax.Array) -> jax.Array:
+    """In the quadrant, with room around."""
+    rect = layout.plan.quadrant
+    at = jnp.arange(layout.grid.size)
+    fits = [(at >= rect[i] + MARGIN) & (at + cells[i] <= rect[i + 2] - MARGIN) for i in range(2)]
+    return fits[0][:, None] & fits[1]

@@ -1,0 +1,138 @@
+"""Agents that play by hand-written rules: pure functions from a state to one agent's action."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from gymnasium import spaces
+
+from maax_mjx.env import Environment
+from maax_mjx.state import State
+
+PASSING = 0.35
+"""Metres from a door's middle at which an agent counts as being in it."""
+BEHIND = 0.43
+"""Metres from a box's centre to that of an agent that touches it, and a little."""
+
+
+def to_action(env: Environment, forces: jax.Array, **parts: jax.Array) -> dict[str, jax.Array]:
+    """An action in the environment's space.
+
+    Args:
+        env: the environment.
+        forces: (n_agents, 3) in [-1, 1]: along x and y, and turning.
+        **parts: (n_agents,) {0, 1} by name; what is not given is 0, and what concerns many objects is for all of them.
+    """
+    action: dict[str, Any] = {}
+    for name, space in env.action_space.spaces.items():
+        shape = space.shape or ()
+        if name == "move":
+            action[name] = forces
+            if isinstance(space, spaces.MultiDiscrete):
+                most = int(space.nvec.flat[0]) - 1
+                action[name] = jnp.round((forces + 1) / 2 * most).astype(jnp.int32)
+        else:
+            part = jnp.asarray(parts.get(name, jnp.zeros(shape[0])), jnp.int32)
+            action[name] = jnp.broadcast_to(part.reshape(-1, *[1] * (len(shape) - 1)), shape)
+    return action
+
+
+def towards(state: State, env: Environment, agent: int, goal: jax.Array, force: float = 1.0) -> jax.Array:
+    """(3,) forces of an agent that walks to a point (2,) in metres, slower in its last centimetres."""
+    here = state.data.xpos[env.base.agents.body_ids[agent], :2]
+    away = goal - here
+    gap = jnp.linalg.norm(away)
+    push = away / jnp.maximum(gap, 1e-6) * jnp.minimum(force, 4 * gap)
+    return jnp.append(push, 0.0)
+
+
+def wander(key: jax.Array, step: jax.Array, hold: int = 20) -> jax.Array:
+    """(3,) forces in a random direction that changes every `hold` steps."""
+    angle = jax.random.uniform(jax.random.fold_in(key, step // hold), maxval=2 * jnp.pi)
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros(())])
+
+
+def chase(state: State, env: Environment, agent: int, prey: jax.Array) -> jax.Array:
+    """(3,) forces of an agent that walks at the nearest of `prey` (n_agents,) bool, through the door between them.
+
+    Knows quadrants with one door: where the two are on different sides of its walls, it goes to the door, around the
+    corner of the walls if need be, and through.
+    """
+    position = state.data.xpos[env.base.agents.body_ids, :2]
+    here = position[agent]
+    away = jnp.linalg.norm(position - here, axis=1)
+    goal = position[jnp.where(prey & state.world.active[env.base.agents.kind], away, jnp.inf).argmin()]
+    if not state.world.plan.doors.shape[0]:
+        return towards(state, env, agent, goal)
+    door, inward = quadrant_door(state, env)
+    inside, goal_inside = in_quadrant(state, env, here), in_quadrant(state, env, goal)
+    apart = (inside != goal_inside) & (state.world.plan.door_mask.any())
+    across = door + jnp.where(goal_inside, 1.0, -1.0) * inward * PASSING
+    before = door - jnp.where(goal_inside, 1.0, -1.0) * inward * PASSING
+    sideways = jnp.abs((here - door) @ jnp.array([-inward[1], inward[0]]))
+    through = jnp.where(sideways < 0.1, across, before)
+    behind_corner = ~inside & ((here - door) @ inward > -0.2)
+    through = jnp.where(behind_corner & ~(sideways < 0.3), _outside_corner(state, env), through)
+    return towards(state, env, agent, jnp.where(apart, through, goal))
+
+
+def close_door(state: State, env: Environment, agent: int, box: int = 0) -> tuple[jax.Array, Mapping[str, jax.Array]]:
+    """An agent in the quadrant that grabs a box, carries it into the door and locks it there.
+
+    Returns:
+        (3,) forces; "grab" and "lock", () {0, 1} each.
+    """
+    boxes = env.base.modules["boxes"]
+    ids = env.base.agents.qpos_ids[agent]
+    here, yaw = state.data.qpos[ids[:2]], state.data.qpos[ids[3]]
+    turning = state.data.qvel[env.base.agents.qvel_ids[agent, 3]]
+    thing = state.data.xpos[boxes.body_ids[box], :2]  # type: ignore[attr-defined]
+    door, inward = quadrant_door(state, env)
+    aside = jnp.array([-inward[1], inward[0]])
+
+    # In the box's frame, whose first axis points away from the door: get behind it, around its corner if need be.
+    along, across = (here - thing) @ inward, (here - thing) @ aside
+    side = jnp.where(across >= 0, 1.0, -1.0)
+    behind = thing + inward * BEHIND
+    corner = thing + aside * side * 0.55 + inward * jnp.where(jnp.abs(across) < 0.5, along, BEHIND + 0.1)
+    grabbing = ((along > 0.37) & (jnp.abs(across) < 0.06)) | (state.mechanics["grabs"].held[agent] == box)
+    walk = towards(state, env, agent, jnp.where((along > 0.4) & (jnp.abs(across) < 0.6), behind, corner), 0.5)
+
+    # With the box in hand: first in line with the door, then into it.
+    offset = door - thing
+    lined_up = jnp.abs(offset @ aside) < 0.04
+    goal = jnp.where(lined_up, offset, offset + inward * 0.7)
+    gap = jnp.linalg.norm(goal)
+    push = goal / jnp.maximum(gap, 1e-6) * jnp.clip(2 * gap + 0.25, 0.0, 0.6)
+    there = lined_up & (jnp.abs(offset @ inward) < 0.04)
+    locked = state.mechanics["locks"].locked[box]
+
+    carry = jnp.append(jnp.where(there, 0.0, push), jnp.clip(-3 * yaw - 0.1 * turning, -1.0, 1.0))
+    forces = jnp.where(locked, 0.0, jnp.where(grabbing, carry, walk))
+    grab = grabbing & ~locked
+    return forces, {"grab": grab.astype(jnp.int32), "lock": (locked | (grabbing & there)).astype(jnp.int32)}
+
+
+def in_quadrant(state: State, env: Environment, point: jax.Array) -> jax.Array:
+    """() bool: whether a point (2,) is inside the quadrant's walls."""
+    cell = state.world.plan.floor_size / env.base.grid_size
+    low, high = state.world.plan.quadrant[:2] * cell, state.world.plan.quadrant[2:] * cell
+    return ((point >= low) & (point <= high)).all()
+
+
+def _outside_corner(state: State, env: Environment) -> jax.Array:
+    """(2,) a point off the corner of the quadrant's walls."""
+    cell = state.world.plan.floor_size / env.base.grid_size
+    return state.world.plan.quadrant[jnp.array([0, 3])] * cell + jnp.array([-0.4, 0.4])
+
+
+def quadrant_door(state: State, env: Environment) -> tuple[jax.Array, jax.Array]:
+    """(2,) the middle of the quadrant's first door in metres, and (2,) the direction from it into the quadrant."""
+    plan = state.world.plan
+    door = plan.doors[plan.door_mask.argmax(), :2]
+    cell = plan.floor_size / env.base.grid_size
+    to_left, to_top = jnp.abs(door[0] - plan.quadrant[0] * cell), jnp.abs(door[1] - plan.quadrant[3] * cell)
+    return door, jnp.where(to_left < to_top, jnp.array([1.0, 0.0]), jnp.array([0.0, -1.0]))
