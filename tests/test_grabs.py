@@ -151,7 +151,7 @@ def gripping(carrying, gap, n_seekers=0):
     qpos[:, agents[0, :2]] = 3.0 - 0.25 - gap, 3.05
     if n_seekers:
         qpos[:, agents[1, :2]] = 3.0 + 0.25 + gap, 2.95
-    pose = jax.jit(jax.vmap(lambda world, data: env.base.engine.pose(world, data)))
+    pose = jax.jit(jax.vmap(env.base.engine.pose))
     return state.replace(data=pose(state.world, state.data.replace(qpos=jnp.asarray(qpos))))
 
 
@@ -241,7 +241,7 @@ def game():
     env = maax.GrabObjects(env, ["boxes"], selective=True, in_vision_only=True)
     env = maax.PreparationPhase(env, PREP / 1000)
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), 32))
-    pose = jax.jit(jax.vmap(lambda world, data: env.base.engine.pose(world, data)))
+    pose = jax.jit(jax.vmap(env.base.engine.pose))
 
     def place(states, agents, boxes):
         """The states with agents (32, 3, 3) and boxes (32, 2, 3) at x, y, yaw."""

@@ -53,14 +53,14 @@ def start(sensing):
             there[..., None], xy + rng.uniform(-0.05, 0.05, (N_WORLDS, len(xy), 2)), qpos[:, module.qpos_ids[:, :2]]
         )
         qpos[:, module.qpos_ids[:, 3]] = rng.uniform(-np.pi, np.pi, there.shape) * (name == "agents")
-    pose = jax.vmap(lambda world, data: sensing.base.engine.pose(world, data))
+    pose = jax.jit(jax.vmap(sensing.base.engine.pose))
     return states.replace(data=pose(states.world, states.data.replace(qpos=jnp.asarray(qpos))))
 
 
 def play(env):
     """The states of an episode under forces that change every 6 steps, locking the boxes at times, from reset on."""
     step = jax.jit(jax.vmap(env.step))
-    states = [jax.vmap(env.reset)(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))]
+    states = [jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))]
     rng, moves = np.random.default_rng(1), []
     for t in range(N_STEPS + 1):
         if t % 6 == 0:
@@ -166,7 +166,7 @@ def test_stats_of_anything(prep_steps, sensing, start):
     env = Given(sensing, start)
     env = maax.TrackStats(env if prep_steps is None else maax.PreparationPhase(env, PREP / HORIZON))
     look, rng = jax.jit(jax.vmap(env.look)), np.random.default_rng(5)
-    state = jax.vmap(env.reset)(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))
+    state = jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))
     there = {kind: np.asarray(x) for kind, x in start.world.active.items()}
     both = there["agent"][:, :, None] & there["agent"][:, None]
     lockable = np.concatenate([there["box"], there["ramp"]], axis=1)
@@ -258,7 +258,7 @@ def split(sensing):
 @pytest.fixture(scope="module")
 def told(split, start):
     """The split observations, with random masks of what is seen."""
-    states = jax.vmap(split.look)(start)
+    states = jax.jit(jax.vmap(split.look))(start)
     rng = np.random.default_rng(4)
     masks = {k: rng.random(states.obs[k].shape) < 0.5 for k in ("sees_agents", "sees_boxes", "sees_ramps")}
     return states.replace(obs=states.obs | masks)
@@ -266,7 +266,7 @@ def told(split, start):
 
 def test_mask_observations(split, told):
     masks = {"box_obs": "sees_boxes", "agent_qpos_qvel": "sees_agents", "agent_team": "sees_agents"}
-    obs = jax.device_get(jax.vmap(maax.MaskObservations(split, masks).look)(told).obs)
+    obs = jax.device_get(jax.jit(jax.vmap(maax.MaskObservations(split, masks).look))(told).obs)
     before = jax.device_get(told.obs)
     assert set(obs) == set(before)
     for key, x in before.items():
@@ -281,7 +281,7 @@ def test_mask_observations(split, told):
 @pytest.mark.parametrize("observe", ["self", "team", "all"])
 def test_privileged_observations(observe, split, told, start):
     """Of everyone in play, or of everyone in play in one's team: one's own first, then i - 1, i - 2, ..."""
-    obs = jax.device_get(jax.vmap(maax.FlattenObservations(split, observe).look)(told).obs)
+    obs = jax.device_get(jax.jit(jax.vmap(maax.FlattenObservations(split, observe).look))(told).obs)
     flat = np.concatenate([np.asarray(told.obs[k], np.float32).reshape(N_WORLDS, 4, -1) for k in sorted(told.obs)], 2)
     equal(obs["obs"], flat)
     if observe == "self":
@@ -353,6 +353,11 @@ ERRORS = {
         lambda e, s: maax.PreparationPhase(maax.SelectObservations(e, ["sees_agents", "sees_boxes"]), blind=True),
         "blind: 'lidar' is not observed any more; put PreparationPhase inside what hid it",
     ),
+    "blind to what others sense": (
+        lambda e, s: maax.PreparationPhase(maax.SplitObservations(e, ["lidar"], ["sees_agents"]), blind=True),
+        "blind: 'lidar' has shape (4, 3, 5, 1), and had (4, 5, 1); put PreparationPhase inside what changed it",
+    ),
+    "blind": (lambda e, s: maax.PreparationPhase(e, blind=1), "blind: got 1; takes True or False"),
     "stats twice": (
         lambda e, s: maax.TrackStats(maax.TrackStats(e)),
         "TrackStats: env has a wrapper named 'stats' already; takes one of each",
