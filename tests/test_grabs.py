@@ -131,33 +131,33 @@ def test_the_nearest_within_reach_is_held(selective, exclusive):
 
 @pytest.fixture(scope="module", params=[False, True], ids=["slides", "free"])
 def carrying(request):
-    """One or two agents and a box in an empty room: the environment, and its batched functions."""
+    """One or two agents and a box in a room: the environment, 8 worlds of each, `pose` and `step` of batches."""
     env = maax.Base(2, impl="c")
     env.add_module(maax.WallScenarios("empty"))
     env.add_module(maax.Agents({"hiders": 1, "seekers": (0, 1)}))
     env.add_module(maax.Boxes(1, free=request.param))
     env = maax.GrabObjects(env, ["boxes"])
-    return env, jax.jit(jax.vmap(env.reset, in_axes=(0, None))), jax.jit(jax.vmap(env.step))
+    reset = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))
+    start = [reset(jax.random.split(jax.random.key(0), 8), env.default_params.replace(n_seekers=n)) for n in (0, 1)]
+    return env, start, jax.jit(jax.vmap(env.base.engine.pose)), jax.jit(jax.vmap(env.step))
 
 
 def gripping(carrying, gap, n_seekers=0):
     """8 worlds with the box in the middle, and at `gap` metres from its left face an agent, from its right another."""
-    env, reset, _ = carrying
-    params = env.default_params.replace(n_seekers=n_seekers)
-    state = reset(jax.random.split(jax.random.key(0), 8), params)
+    env, start, pose, _ = carrying
+    state = start[n_seekers]
     agents, box = env.base.agents.qpos_ids, env.base.modules["boxes"].qpos_ids[0]
     qpos = np.array(state.data.qpos)
     qpos[:, box[:2]] = 3.0
     qpos[:, agents[0, :2]] = 3.0 - 0.25 - gap, 3.05
     if n_seekers:
         qpos[:, agents[1, :2]] = 3.0 + 0.25 + gap, 2.95
-    pose = jax.jit(jax.vmap(env.base.engine.pose))
     return state.replace(data=pose(state.world, state.data.replace(qpos=jnp.asarray(qpos))))
 
 
 def run(carrying, state, moves, grab):
     """The state after steps with forces `moves`, and over these (t, 8, ...): qpos of agents, pose of the box, holds."""
-    env, _, step = carrying
+    env, _, _, step = carrying
     box, grab = env.base.modules["boxes"].body_ids[0], jnp.broadcast_to(jnp.asarray(grab), (8, 2))
     seen = []
     for move in moves:
