@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from maax_mjx.checks import check_bool
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
@@ -44,7 +45,7 @@ class PreparationPhase(Wrapper):
             raise ValueError(f"prep_fraction: got {prep_fraction!r}; takes a number in [0, 1]")
         self.n_steps = ceil(round(prep_fraction * env.base.horizon, 9))
         self._seekers = self.inner(TeamMembership).of(SEEKERS)
-        self._senses = [layer for layer in layers(env) if layer.senses] if blind else []
+        self._senses = [layer for layer in layers(env) if layer.senses] if check_bool("blind", blind) else []
         if blind:
             self._check_senses()
 
@@ -62,9 +63,15 @@ class PreparationPhase(Wrapper):
         observed = self.env.observation_space.spaces
         if not self._senses:
             raise ValueError("blind: got True, and no sense to take away; takes LineOfSight or Lidar inside")
-        for key in [key for sense in self._senses for key in sense.senses]:
+        given = {key: sense.observation_space[key].shape for sense in self._senses for key in sense.senses}
+        for key, was in given.items():
             if key not in observed:
                 raise ValueError(f"blind: {key!r} is not observed any more; put PreparationPhase inside what hid it")
+            shape = observed[key].shape
+            if shape != was:
+                raise ValueError(
+                    f"blind: {key!r} has shape {shape}, and had {was}; put PreparationPhase inside what changed it"
+                )
 
     def _observed(self, state: State) -> State:
         left = jnp.maximum(1 - state.step / max(self.n_steps, 1), 0.0) if self.n_steps else jnp.zeros(())
