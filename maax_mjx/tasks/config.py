@@ -23,13 +23,13 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
         ValueError: an unknown name, with the nearest ones.
     """
     for name, value in overrides.items():
-        head, _, rest = name.partition(".")
+        head, dot, rest = name.partition(".")
         inner = getattr(config, head, None)
         if head not in {f.name for f in fields(config)}:  # type: ignore[arg-type]
             check_choice(where, name, field_names(config))
-        if rest and (not is_dataclass(inner) or isinstance(inner, type)):
+        if dot and (not is_dataclass(inner) or isinstance(inner, type)):
             raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
-        config = replace(config, **{head: override(inner, {rest: value}, f"{where}, {head}") if rest else value})  # type: ignore[type-var]
+        config = replace(config, **{head: override(inner, {rest: value}, f"{where}, {head}") if dot else value})  # type: ignore[type-var]
     return config
 
 

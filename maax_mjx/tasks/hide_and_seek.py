@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 from maax_mjx.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
@@ -172,17 +173,23 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     if config.cone is not None:
         env = LineOfSight(env, config.cone)
     if config.lidar is not None:
-        env = Lidar(env, **asdict(config.lidar))
+        env = Lidar(env, **_arguments("lidar", config.lidar, LidarConfig))
     if config.lock is not None:
-        env = LockObjects(env, **asdict(config.lock))
+        env = LockObjects(env, **_arguments("lock", config.lock, LockConfig))
     if config.grab is not None:
-        env = GrabObjects(env, **asdict(config.grab))
+        env = GrabObjects(env, **_arguments("grab", config.grab, GrabConfig))
     env = HideAndSeekReward(env, config.rew_type, config.by, config.reward_scale)
     if config.rect is not None:
-        env = RestrictAgentsRect(env, **asdict(config.rect))
+        env = RestrictAgentsRect(env, **_arguments("rect", config.rect, RectConfig))
     env = PreparationPhase(env, config.prep_fraction, config.blind)
     if config.stats:
         env = TrackStats(env)
     if config.n_bins is not None:
         env = DiscretizeActions(env, config.n_bins)
     return observed_by_agents(env, config.observations, config.observe)
+
+
+def _arguments(name: str, group: Any, kind: type) -> dict[str, Any]:
+    if not isinstance(group, kind):
+        raise ValueError(f"{name}: got {group!r}; takes a {kind.__name__}, or None")
+    return {f.name: getattr(group, f.name) for f in fields(kind)}

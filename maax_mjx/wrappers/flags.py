@@ -102,7 +102,7 @@ class CaptureTheFlag(Wrapper):
         half = state.world.plan.floor_size / 2
         at_home = (xy[:, 1] < half) == (base[team, 1] < half)
 
-        tagging = state.mechanics[AgentAgentContactMask2D.name] & (at_home & ~game.out) & (team != team[:, None])
+        tagging = state.mechanics[AgentAgentContactMask2D.name] & ~game.out & (team != team[:, None])
         out = game.out | (tagging.any(axis=1) & ~at_home & playing)
         fallen = (game.carrier >= 0) & out[game.carrier]
         carrier = jnp.where(fallen, AT_BASE, game.carrier)
