@@ -23,7 +23,7 @@ from tqdm import tqdm
 import maax_mjx as maax
 from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import DISTINCT, bare_roll, draw_actions
+from maax_mjx.benchmarks.step import Actions, at, bare_roll, draw_actions
 from maax_mjx.checks import check_choice, check_count
 from maax_mjx.state import State
 
@@ -93,13 +93,13 @@ class Row:
 
 
 def physics_roll(env: Base) -> Callable[[State, jax.Array, jax.Array, int], State]:
-    """`(states, moves, steps, held)` to the states after one physics step for each of the step numbers `steps`."""
+    """`(states, actions, steps, held)` to the states after one physics step for each of the step numbers `steps`."""
     advance = env.engine.advance  # builds the model, which gives the agents their ids
     ids = env.agents.ctrl_ids.reshape(-1)
 
-    def roll(states: State, moves: jax.Array, steps: jax.Array, held: int) -> State:
+    def roll(states: State, actions: Actions, steps: jax.Array, held: int) -> State:
         def step(data: Any, i: jax.Array) -> tuple[Any, None]:
-            move = moves[i // held % DISTINCT]
+            move = at(actions, i, held)["move"]
             data = data.replace(ctrl=data.ctrl.at[:, ids].set(move.reshape(len(move), -1)))
             return jax.vmap(lambda world, data: advance(world, data, 1)[0])(states.world, data), None
 
@@ -114,7 +114,7 @@ def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
     reset = jax.jit(jax.vmap(env.reset))
     keys = jax.random.split(jax.random.key(0), (config.rounds + 1, n_worlds))
     params = jax.tree.map(lambda x: jnp.broadcast_to(x, (n_worlds, *x.shape)), env.default_params)
-    moves = jnp.asarray(draw_actions(env, n_worlds, held=1))
+    actions = draw_actions(env, n_worlds, held=1)
     turns = jnp.arange((config.rounds + 1) * config.steps).reshape(-1, config.steps)
 
     begun = time.perf_counter()
@@ -125,7 +125,7 @@ def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
         rolling["bare"] = start(reset(keys[-1], params))
     rolling["step"] = reset(keys[-1], params)
     for name, roll in rolls.items():
-        rolling[name] = jax.block_until_ready(roll(rolling[name], moves, turns[-1], 1))
+        rolling[name] = jax.block_until_ready(roll(rolling[name], actions, turns[-1], 1))
     compile_s = time.perf_counter() - begun
 
     spent: dict[str, list[float]] = {"reset": [], **{name: [] for name in rolls}}
@@ -138,7 +138,7 @@ def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
         del states
         for name, roll in rolls.items():
             begun = time.perf_counter()
-            rolling[name] = jax.block_until_ready(roll(rolling[name], moves, turns[i], 1))
+            rolling[name] = jax.block_until_ready(roll(rolling[name], actions, turns[i], 1))
             spent[name].append((time.perf_counter() - begun) / config.steps)
     median = {name: statistics.median(times) for name, times in spent.items()}
     return Row(

@@ -62,12 +62,12 @@ def measure(impl: str, config: Config) -> list[Row]:
     worlds = {outer: maax.Worlds(maax.make("standard", impl=impl, outer=outer), config.worlds) for outer in OUTER}
     rolls = {outer: env_roll(w) for outer, w in worlds.items()}
     turns = jnp.arange(config.steps // ROUNDS * ROUNDS).reshape(ROUNDS, -1)
-    moves = jnp.asarray(draw_actions(worlds["walls"].env.base, config.worlds, 1))
+    actions = draw_actions(worlds["walls"].env.base, config.worlds, 1)
     for outer, roll in rolls.items():
-        jax.block_until_ready(roll(worlds[outer].reset(jax.random.key(0)), moves, turns[0], 1))
+        jax.block_until_ready(roll(worlds[outer].reset(jax.random.key(0)), actions, turns[0], 1))
     rows = []
     for held in config.held:
-        moves = jnp.asarray(draw_actions(worlds["walls"].env.base, config.worlds, held))
+        actions = draw_actions(worlds["walls"].env.base, config.worlds, held)
         latest: dict[str, WorldsState] = {
             outer: w.reset(jax.random.key(0), stagger=True) for outer, w in worlds.items()
         }
@@ -75,7 +75,7 @@ def measure(impl: str, config: Config) -> list[Row]:
         for steps in tqdm(turns, desc=f"{impl} held {held}", unit="turn", leave=False):
             for outer, roll in rolls.items():
                 begun = time.perf_counter()
-                latest[outer] = jax.block_until_ready(roll(latest[outer], moves, steps, held))
+                latest[outer] = jax.block_until_ready(roll(latest[outer], actions, steps, held))
                 spent[outer] += time.perf_counter() - begun
         for outer in OUTER:
             counts = latest[outer].totals()

@@ -61,21 +61,21 @@ def measure(contacts: int, config: Config) -> Row:
     begun = time.perf_counter()
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), config.worlds))
     start, roll = bare_roll(env)
-    moves = jnp.asarray(draw_actions(env, config.worlds, HELD))
+    actions = draw_actions(env, config.worlds, HELD)
     data = start(states)
     steps = jnp.arange(config.steps)
-    data = jax.block_until_ready(roll(data, moves, steps, HELD))
+    data = jax.block_until_ready(roll(data, actions, steps, HELD))
     compile_s = time.perf_counter() - begun
     begun = time.perf_counter()
-    data = jax.block_until_ready(roll(data, moves, steps + config.steps, HELD))
+    data = jax.block_until_ready(roll(data, actions, steps + config.steps, HELD))
     step_us = (time.perf_counter() - begun) / config.steps * 1e6
     operations: dict[str, float] = {}
     if config.traced:
         steps = jnp.arange(config.traced) + DISTINCT
-        data = jax.block_until_ready(roll(data, moves, steps, HELD))
+        data = jax.block_until_ready(roll(data, actions, steps, HELD))
         with tempfile.TemporaryDirectory() as folder:
             with jax.profiler.trace(folder):
-                jax.block_until_ready(roll(data, moves, steps, HELD))
+                jax.block_until_ready(roll(data, actions, steps, HELD))
             operations = {k: v / config.traced for k, v in longest(Path(folder), config.top).items()}
     return Row(
         impl=config.impl,

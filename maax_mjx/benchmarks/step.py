@@ -1,6 +1,6 @@
 """How much an env step costs over a bare engine step: `python -m maax_mjx.benchmarks.step --help`.
 
-Both step the same model in the same batch, in turns within one run, under the same actions. Bare is the engine alone:
+Both step the same model in the same batch, in turns within one run, under the same forces. Bare is the engine alone:
 a loop of `mujoco.batch.Batch.step` for `c`, a scanned, vmapped `mjx.step` that carries its mjx.Data for `jax` and
 `warp`. An env step adds the overlay, fault containment, poses, observations and automatic resets with new layouts; it
 is scanned too.
@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
+from gymnasium import spaces
 from mujoco import mjx
 from mujoco.batch import Batch
 from tqdm import tqdm
@@ -25,6 +27,7 @@ from tqdm import tqdm
 import maax_mjx as maax
 from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
+from maax_mjx.env import Environment
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics.c_engine import CEngine
 from maax_mjx.physics.engine import MjxEngine
@@ -39,6 +42,7 @@ class Config:
     """Options.
 
     Attributes:
+        env: environments to time, by name.
         impl: engines to time.
         worlds: batch sizes.
         steps: env steps per measurement, in turns of an eighth each.
@@ -50,6 +54,7 @@ class Config:
         out: JSON file to write; nothing is written without one.
     """
 
+    env: tuple[str, ...] = ("standard",)
     impl: tuple[str, ...] = ("c", "jax")
     worlds: tuple[int, ...] = (256,)
     steps: int = 1200
@@ -62,8 +67,12 @@ class Config:
 
 @dataclass
 class Row:
-    """One measurement: env-steps and bare engine steps per second, all worlds added, one physics step each."""
+    """One measurement: env-steps per second, all worlds added, and what the bare engine makes of `n_frames` physics
+    steps each.
+    """
 
+    env: str
+    n_frames: int
     impl: str
     worlds: int
     episodes: str
@@ -82,24 +91,45 @@ class Row:
     peak_bytes: int | None
 
 
-def draw_actions(env: Base, n_worlds: int, held: int) -> np.ndarray:
-    """(DISTINCT, n_worlds, n_agents, 3) full-range actions: bang-bang where they are held, uniform where redrawn."""
+Actions = dict[str, jax.Array]
+"""An environment's actions, and "forces" (..., n_agents, 3): what the bare engine gets."""
+
+
+def draw_actions(env: Environment, n_worlds: int, held: int) -> Actions:
+    """(DISTINCT, n_worlds, ...) full-range actions: bang-bang where they are held, uniform where redrawn; and locking
+    and grabbing at random.
+    """
     rng = np.random.default_rng(0)
-    shape = (DISTINCT, n_worlds, env.n_agents, 3)
-    moves = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
-    return moves.astype(np.float32)
+    actions: dict[str, np.ndarray] = {}
+    for name, space in env.action_space.spaces.items():
+        shape = (DISTINCT, n_worlds, *(space.shape or ()))
+        if name != "move":
+            actions[name] = rng.integers(0, 2, shape, np.int8)
+            continue
+        forces = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
+        actions["forces"] = actions["move"] = forces.astype(np.float32)
+        if isinstance(space, spaces.MultiDiscrete):
+            most = int(space.nvec.flat[0]) - 1
+            actions["move"] = np.round((forces + 1) / 2 * most).astype(np.int32)
+    return jax.tree.map(jnp.asarray, actions)
 
 
-Roll = Callable[[Any, jax.Array, jax.Array, int], Any]
-"""`(state, moves, steps, held)` to the state after one step for each of the step numbers `steps`."""
+def at(actions: Actions, i: jax.Array, held: int) -> Actions:
+    """The actions of step `i`."""
+    return {name: part[i // held % DISTINCT] for name, part in actions.items()}
+
+
+Roll = Callable[[Any, Actions, jax.Array, int], Any]
+"""`(state, actions, steps, held)` to the state after one env step for each of the step numbers `steps`."""
 
 
 def env_roll(worlds: maax.Worlds) -> Roll:
     """Env steps with automatic resets, scanned as a training loop scans them."""
 
-    def roll(states: WorldsState, moves: jax.Array, steps: jax.Array, held: int) -> WorldsState:
+    def roll(states: WorldsState, actions: Actions, steps: jax.Array, held: int) -> WorldsState:
         def step(states: WorldsState, i: jax.Array) -> tuple[WorldsState, None]:
-            return worlds.step_fn(states, {"move": moves[i // held % DISTINCT]}), None
+            action = at(actions, i, held)
+            return worlds.step_fn(states, {name: action[name] for name in worlds.env.action_space.spaces}), None
 
         return jax.lax.scan(step, states, steps)[0]
 
@@ -111,7 +141,7 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     engine = env.engine
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
-        return lambda states: _c_batch(env, engine, states), lambda *args: _roll_c(ids, *args)
+        return lambda states: _c_batch(env, engine, states), lambda *args: _roll_c(env, ids, *args)
     if not isinstance(engine, MjxEngine):
         raise ValueError(f"impl: got {engine.impl!r}; takes c, jax or warp")
 
@@ -119,15 +149,16 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
         n_worlds = states.step.shape[0]
         return states.world.fields, jax.vmap(lambda data: engine.mjx_data(data, n_worlds))(states.data)
 
-    def roll(carry: tuple[Any, mjx.Data], moves: jax.Array, steps: jax.Array, held: int) -> tuple[Any, mjx.Data]:
+    def roll(carry: tuple[Any, mjx.Data], actions: Actions, steps: jax.Array, held: int) -> tuple[Any, mjx.Data]:
         fields, data = carry
 
-        def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
-            move = moves[i // held % DISTINCT]
-            data = data.replace(ctrl=data.ctrl.at[:, ids].set(move.reshape(len(move), -1)))
+        def frame(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
+            forces = at(actions, i // env.n_frames, held)["forces"]
+            data = data.replace(ctrl=data.ctrl.at[:, ids].set(forces.reshape(len(forces), -1)))
             return jax.vmap(lambda f, d: mjx.step(engine.mjx_model(f), d))(fields, data), None
 
-        return fields, jax.lax.scan(step, data, steps)[0]
+        frames = (steps[:, None] * env.n_frames + jnp.arange(env.n_frames)).reshape(-1)
+        return fields, jax.lax.scan(frame, data, frames)[0]
 
     return jax.jit(start), jax.jit(roll, donate_argnums=0)
 
@@ -141,32 +172,32 @@ def _c_batch(env: Base, engine: CEngine, states: WorldsState) -> Batch:
     return batch
 
 
-def _roll_c(ids: np.ndarray, batch: Batch, moves: jax.Array, steps: jax.Array, held: int) -> Batch:
-    controls = np.asarray(moves).reshape(*moves.shape[:2], -1)
+def _roll_c(env: Base, ids: np.ndarray, batch: Batch, actions: Actions, steps: jax.Array, held: int) -> Batch:
+    controls = np.asarray(actions["forces"]).reshape(DISTINCT, len(batch.qpos), -1)
     for i in np.asarray(steps):
         batch.ctrl[:, ids] = controls[i // held % DISTINCT]
-        batch.step()
+        batch.step(nstep=env.n_frames)
     return batch
 
 
-def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
+def measure(name: str, impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
     """Times env steps and bare steps in turns, under every protocol; each is compiled once."""
     n_steps = max(ROUNDS, min(config.steps, int(config.max_world_steps) // n_worlds) // ROUNDS * ROUNDS)
     horizon = max(1, min(config.horizon, int(n_steps / EPISODES)))
-    env = maax.make("standard", impl=impl, horizon=horizon, contacts_per_world=config.contacts_per_world).base
-    worlds = maax.Worlds(env, n_worlds)
+    env = maax.make(name, impl=impl, horizon=horizon, contacts_per_world=config.contacts_per_world)
+    worlds, base = maax.Worlds(env, n_worlds), env.base
     started = time.perf_counter()
     states = jax.block_until_ready(worlds.reset(jax.random.key(0)))
-    start_bare, roll_bare = bare_roll(env)
+    start_bare, roll_bare = bare_roll(base)
     rolls = {"env": env_roll(worlds), "bare": roll_bare}
     turns = jnp.arange(n_steps).reshape(ROUNDS, -1)
-    moves = jnp.asarray(draw_actions(env, n_worlds, 1))
+    actions = draw_actions(env, n_worlds, 1)
     latest = {"bare": start_bare(states), "env": states}
-    for name, roll in rolls.items():
-        latest[name] = jax.block_until_ready(roll(latest[name], moves, turns[0], 1))
+    for which, roll in rolls.items():
+        latest[which] = jax.block_until_ready(roll(latest[which], actions, turns[0], 1))
     compile_s = time.perf_counter() - started
     for held in config.held:
-        moves = jnp.asarray(draw_actions(env, n_worlds, held))
+        actions = draw_actions(env, n_worlds, held)
         for stagger in (False, True):
             latest.clear()
             states = worlds.reset(jax.random.key(0), stagger=stagger)
@@ -174,21 +205,23 @@ def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
             del states
             spent = {"env": 0.0, "bare": 0.0}
             episodes = "staggered" if stagger else "lockstep"
-            for steps in tqdm(turns, desc=f"{impl} {n_worlds} {episodes} held {held}", unit="turn", leave=False):
-                for name, roll in rolls.items():
+            for steps in tqdm(turns, desc=f"{name} {impl} {n_worlds} {episodes} held {held}", unit="turn", leave=False):
+                for which, roll in rolls.items():
                     begun = time.perf_counter()
-                    latest[name] = jax.block_until_ready(roll(latest[name], moves, steps, held))
-                    spent[name] += time.perf_counter() - begun
+                    latest[which] = jax.block_until_ready(roll(latest[which], actions, steps, held))
+                    spent[which] += time.perf_counter() - begun
             counts = latest["env"].totals()
             total = n_worlds * n_steps
             yield Row(
+                env=name,
+                n_frames=base.n_frames,
                 impl=impl,
                 worlds=n_worlds,
                 episodes=episodes,
                 held=held,
                 steps=n_steps,
                 horizon=horizon,
-                contacts_per_world=env.contacts_per_world,
+                contacts_per_world=base.contacts_per_world,
                 env_steps_per_s=round(total / spent["env"]),
                 bare_steps_per_s=round(total / spent["bare"]),
                 ratio=round(spent["bare"] / spent["env"], 3),
@@ -204,17 +237,17 @@ def measure(impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
 def main(config: Config) -> None:
     """Runs all measurements, prints a table and writes the JSON after each, so that an interruption loses none."""
     rows: list[Row] = []
-    print("impl   worlds   episodes  held       env/s      bare/s  ratio faults overflow")
-    for impl in config.impl:
-        for n_worlds in config.worlds:
-            for row in measure(impl, n_worlds, config):
-                rows.append(row)
-                print(
-                    f"{row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} {row.env_steps_per_s:11,.0f} "
-                    f"{row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} {row.physics_faults:6} {row.contact_overflows:8}",
-                    flush=True,
-                )
-                record.write(config.out, config, rows)
+    print("env                    impl   worlds   episodes  held       env/s      bare/s  ratio faults overflow")
+    for name, impl, n_worlds in product(config.env, config.impl, config.worlds):
+        for row in measure(name, impl, n_worlds, config):
+            rows.append(row)
+            print(
+                f"{row.env:22} {row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} "
+                f"{row.env_steps_per_s:11,.0f} {row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} "
+                f"{row.physics_faults:6} {row.contact_overflows:8}",
+                flush=True,
+            )
+            record.write(config.out, config, rows)
 
 
 if __name__ == "__main__":

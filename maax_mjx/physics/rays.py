@@ -124,13 +124,18 @@ def _convex(start: jax.Array, along: jax.Array, planes: np.ndarray) -> Interval:
 
 
 def _hull_planes(model: mujoco.MjModel, mesh: int) -> np.ndarray:
-    """(n_planes, 4) of a mesh's convex hull in its own frame."""
-    from scipy.spatial import ConvexHull  # here, since importing it takes half a second
-
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    equations = ConvexHull(model.mesh_vert[first : first + count]).equations
-    planes = np.unique(np.round(equations, 7), axis=0)
-    return np.concatenate([planes[:, :3], -planes[:, 3:]], axis=1).astype(np.float32)
+    """(n_planes, 4) of a mesh's convex hull in its own frame, from the hull that MuJoCo's compiler made."""
+    start = int(model.mesh_graphadr[mesh])
+    n_verts, n_faces = model.mesh_graph[start : start + 2]
+    # The hull's graph: its numbers, an edge address and an id of every vertex, the edges, and three ids a face.
+    first = start + 2 + 3 * n_verts + 3 * n_faces
+    faces = model.mesh_graph[first : first + 3 * n_faces].reshape(-1, 3)
+    corners = model.mesh_vert[model.mesh_vertadr[mesh] + faces].astype(float)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal *= np.sign(((corners[:, 0] - corners.mean(axis=(0, 1))) * normal).sum(axis=1, keepdims=True))
+    out = (corners[:, 0] * normal).sum(axis=1, keepdims=True)
+    return np.unique(np.round(np.concatenate([normal, out], axis=1), 7), axis=0).astype(np.float32)
 
 
 def _stacked(hulls: list[np.ndarray]) -> np.ndarray:

@@ -42,7 +42,6 @@ class Scene(NamedTuple):
         Args:
             state: from `reset`.
         """
-
         _ = self.env.base.model  # gives the modules their ids, where nothing was reset yet
 
         def step(state: State, _: None) -> tuple[State, State]:
