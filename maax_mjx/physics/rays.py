@@ -5,6 +5,9 @@ Every geom is convex, so that a ray is inside it over one interval (enter, leave
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import reduce
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -40,7 +43,7 @@ class Rays:
         self._planes = _stacked([_hull_planes(model, mesh) for mesh in meshes])
 
     def cast(
-        self, world: World, data: Data, origin: jax.Array, direction: jax.Array, without: jax.Array | np.ndarray
+        self, world: World, data: Data, origin: jax.Array, direction: jax.Array, without: np.ndarray
     ) -> tuple[jax.Array, jax.Array]:
         """The nearest hit of every ray.
 
@@ -48,79 +51,97 @@ class Rays:
             world: the world.
             data: its state, with the poses that belong to it.
             origin: (n, 3) metres.
-            direction: (n, 3) of unit length.
+            direction: (n, m, 3) of unit length: m rays from every origin.
             without: (n,) ids of the bodies that rays do not see: those that they come from.
 
         Returns:
-            (n,) distances in metres, infinite where nothing is hit; (n,) int32 ids of the geoms that were hit, -1 for
-            none. A ray that starts inside a geom hits it where it leaves it, as of `mj_ray`.
+            (n, m) distances in metres, infinite where nothing is hit; (n, m) int32 ids of the geoms that were hit, -1
+            for none. A ray that starts inside a geom hits it where it leaves it, as of `mj_ray`.
         """
         size = jnp.asarray(self._size, origin.dtype)
         if self._size_rows.size:
             size = size.at[self._size_rows].set(world.fields["geom_size"])
         intervals = [self._through(kind, ids, size, data, origin, direction) for kind, ids in self._ids.items()]
         if not intervals:
-            return jnp.full(len(origin), jnp.inf), jnp.full(len(origin), -1, jnp.int32)
-        enter, leave = (jnp.concatenate(parts, axis=1) for parts in zip(*intervals, strict=True))
+            shape = direction.shape[:2]
+            return jnp.full(shape, jnp.inf), jnp.full(shape, -1, jnp.int32)
+        enter, leave = (jnp.concatenate(parts, axis=2) for parts in zip(*intervals, strict=True))
+        own = np.asarray(without)[:, None, None] == self._body
         hit = jnp.where(enter >= 0, enter, leave)
-        seen = (enter <= leave) & (leave >= 0) & (jnp.asarray(without)[:, None] != self._body)
-        distance = jnp.where(seen, hit, jnp.inf)
-        nearest = distance.argmin(axis=1)
-        found = distance.min(axis=1)
+        distance = jnp.where((enter <= leave) & (leave >= 0) & ~own, hit, jnp.inf)
+        found = distance.min(axis=2)
+        # Of equal ones the first; cheaper than an argmin.
+        nearest = jnp.where(distance == found[..., None], np.arange(len(self._geom)), len(self._geom)).min(axis=2)
         return found, jnp.where(jnp.isfinite(found), jnp.asarray(self._geom)[nearest], -1).astype(jnp.int32)
 
     def _through(
         self, kind: int, ids: np.ndarray, size: jax.Array, data: Data, origin: jax.Array, direction: jax.Array
     ) -> Interval:
-        """(n, n_geoms) each: where rays enter and leave the geoms of one kind."""
+        """(n, m, n_geoms) each: where rays enter and leave the geoms of one kind.
+
+        Vectors are taken apart into their components, so that the geoms' axis is the last, which vectorises.
+        """
         pos, mat, size = data.geom_xpos[ids], data.geom_xmat[ids], size[ids]
-        offset = origin[:, None] - pos
+        offset = [origin[:, i, None] - pos[:, i] for i in range(3)]
+        ahead = [direction[..., i, None] for i in range(3)]
         if kind == SPHERE:
-            return _sphere(offset, direction[:, None], size[:, 0])
-        # Into the geoms' frames: v @ mat is mat.T applied to v.
-        start = (offset[..., None] * mat).sum(axis=-2)
-        along = (direction[:, None, :, None] * mat).sum(axis=-2)
+            return _sphere([x[:, None] for x in offset], ahead, size[:, 0])
+        # Into the geoms' frames, the origins once for all of their rays.
+        start = [_dot(offset, mat[:, :, i].T)[:, None] for i in range(3)]
+        along = [_dot(ahead, mat[:, :, i].T) for i in range(3)]
         if kind == BOX:
-            return _slabs(start, along, size)
+            return _slabs(start, along, list(size.T))
         if kind == CYLINDER:
             return _cylinder(start, along, size)
         return _convex(start, along, self._planes)
 
 
-def _sphere(offset: jax.Array, direction: jax.Array, radius: jax.Array) -> Interval:
-    along = (offset * direction).sum(axis=-1)
-    inside = along**2 - (offset**2).sum(axis=-1) + radius**2
+Vector = Sequence[jax.Array]
+"""Three components."""
+
+
+def _dot(a: Vector, b: Vector | jax.Array) -> jax.Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _sphere(offset: Vector, direction: Vector, radius: jax.Array) -> Interval:
+    along = _dot(offset, direction)
+    inside = along**2 - _dot(offset, offset) + radius**2
     half = jnp.sqrt(jnp.maximum(inside, 0.0))
     return jnp.where(inside >= 0, -along - half, jnp.inf), jnp.where(inside >= 0, -along + half, -jnp.inf)
 
 
-def _slabs(start: jax.Array, along: jax.Array, half: jax.Array) -> Interval:
-    along = jnp.where(jnp.abs(along) < PARALLEL, PARALLEL, along)
-    low, high = (-half - start) / along, (half - start) / along
-    return jnp.minimum(low, high).max(axis=-1), jnp.maximum(low, high).min(axis=-1)
+def _slabs(start: Vector, along: Vector, half: Vector) -> Interval:
+    enter, leave = [], []
+    for at, speed, reach in zip(start, along, half, strict=True):
+        per_metre = 1 / jnp.where(jnp.abs(speed) < PARALLEL, PARALLEL, speed)
+        middle, spread = -at * per_metre, reach * jnp.abs(per_metre)
+        enter.append(middle - spread)
+        leave.append(middle + spread)
+    return reduce(jnp.maximum, enter), reduce(jnp.minimum, leave)
 
 
-def _cylinder(start: jax.Array, along: jax.Array, size: jax.Array) -> Interval:
-    flat = along[..., :2]
-    a = jnp.maximum((flat**2).sum(axis=-1), PARALLEL)
-    b = (start[..., :2] * flat).sum(axis=-1)
-    inside = b**2 - a * ((start[..., :2] ** 2).sum(axis=-1) - size[:, 0] ** 2)
+def _cylinder(start: Vector, along: Vector, size: jax.Array) -> Interval:
+    a = jnp.maximum(along[0] ** 2 + along[1] ** 2, PARALLEL)
+    b = start[0] * along[0] + start[1] * along[1]
+    inside = b**2 - a * (start[0] ** 2 + start[1] ** 2 - size[:, 0] ** 2)
     half = jnp.sqrt(jnp.maximum(inside, 0.0))
-    enter, leave = _slabs(start[..., 2:], along[..., 2:], size[:, 1:2])
+    enter, leave = _slabs(start[2:], along[2:], [size[:, 1]])
     enter, leave = jnp.maximum(enter, (-b - half) / a), jnp.minimum(leave, (-b + half) / a)
     return jnp.where(inside >= 0, enter, jnp.inf), jnp.where(inside >= 0, leave, -jnp.inf)
 
 
-def _convex(start: jax.Array, along: jax.Array, planes: np.ndarray) -> Interval:
+def _convex(start: Vector, along: Vector, planes: np.ndarray) -> Interval:
     """`planes` (n_geoms, n_planes, 4): outward normals, and how far out the planes are."""
-    normal, out = planes[..., :3], planes[..., 3]
-    speed = (along[..., None, :] * normal).sum(axis=-1)
-    gap = out - (start[..., None, :] * normal).sum(axis=-1)
-    parallel = jnp.abs(speed) < PARALLEL
-    reach = gap / jnp.where(parallel, 1.0, speed)
-    enter = jnp.where(parallel, jnp.where(gap < 0, jnp.inf, -jnp.inf), jnp.where(speed < 0, reach, -jnp.inf))
-    leave = jnp.where(parallel | (speed < 0), jnp.inf, reach)
-    return enter.max(axis=-1), leave.min(axis=-1)
+    enter, leave = [], []
+    for i in range(planes.shape[1]):
+        normal, out = jnp.asarray(planes[:, i, :3].T), planes[:, i, 3]
+        speed, gap = _dot(along, normal), out - _dot(start, normal)
+        parallel = jnp.abs(speed) < PARALLEL
+        reach = gap / jnp.where(parallel, 1.0, speed)
+        enter.append(jnp.where(parallel, jnp.where(gap < 0, jnp.inf, -jnp.inf), jnp.where(speed < 0, reach, -jnp.inf)))
+        leave.append(jnp.where(parallel | (speed < 0), jnp.inf, reach))
+    return reduce(jnp.maximum, enter), reduce(jnp.minimum, leave)
 
 
 def _hull_planes(model: mujoco.MjModel, mesh: int) -> np.ndarray:

@@ -87,18 +87,16 @@ class LineOfSight(_Senses):
     def look(self, state: State) -> State:
         bodies = np.concatenate([m.body_ids for m in self.modules])
         eyes, heading = self._eyes(state)
-        n = len(eyes)
         to = state.data.xpos[bodies] - eyes[:, None]
         away = jnp.linalg.norm(to, axis=-1)
         turn = jnp.arctan2(to[..., 1], to[..., 0]) - heading[:, None]
         turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
-        direction = (to / jnp.maximum(away, 1e-6)[..., None]).reshape(-1, 3)
-        own = np.repeat(self.base.agents.body_ids, len(bodies))
-        _, geom = self._rays.cast(state.world, state.data, jnp.repeat(eyes, len(bodies), axis=0), direction, own)
-        met = jnp.asarray(self.base.model.geom_bodyid)[geom].reshape(n, -1)
+        direction = to / jnp.maximum(away, 1e-6)[..., None]
+        _, geom = self._rays.cast(state.world, state.data, eyes, direction, self.base.agents.body_ids)
+        met = jnp.asarray(self.base.model.geom_bodyid)[geom]
         there = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         itself = bodies == self.base.agents.body_ids[:, None]
-        seen = ((jnp.abs(turn) <= self.half_cone) & (met == bodies) & (geom >= 0).reshape(n, -1)) | itself
+        seen = ((jnp.abs(turn) <= self.half_cone) & (met == bodies) & (geom >= 0)) | itself
         seen &= there & state.world.active[self.base.agents.kind][:, None]
         parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
         masks = dict(zip(self.senses, parts, strict=True))
@@ -145,10 +143,10 @@ class Lidar(_Senses, ObservationWrapper):
         eyes, heading = self._eyes(state)
         angle = jnp.arange(self.n_rays) * (2 * jnp.pi / self.n_rays)
         angle = angle + heading[:, None] * (self.frame == "agent")
-        direction = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)], axis=-1).reshape(-1, 3)
-        own = np.repeat(self.base.agents.body_ids, self.n_rays)
-        distance, _ = self._rays.cast(state.world, state.data, jnp.repeat(eyes, self.n_rays, axis=0), direction, own)
-        distance = jnp.minimum(distance, self.range).reshape(-1, self.n_rays, 1)
+        direction = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)], axis=-1)
+        direction = jnp.broadcast_to(direction, (len(eyes), self.n_rays, 3))
+        distance, _ = self._rays.cast(state.world, state.data, eyes, direction, self.base.agents.body_ids)
+        distance = jnp.minimum(distance, self.range)[..., None]
         if self.compress is not None:
             distance = self.compress * jnp.tanh(distance / self.compress)
         active = state.world.active[self.base.agents.kind][:, None, None]
