@@ -14,10 +14,14 @@ from maax_mjx.base import Base
 from maax_mjx.testing import check_env
 
 
-@pytest.mark.parametrize("env", ["env_ranges", "env_jax", "env_warp"])
-def test_check_env(env, request):
-    """The first is on the C engine, with counts that are drawn."""
-    check_env(request.getfixturevalue(env))
+@pytest.mark.parametrize("impl", ["c", "jax"])
+def test_check_env(impl):
+    """A whole game, with counts that are drawn."""
+    check_env(maax.make("hide_and_seek", impl=impl, n_hiders=(1, 2), n_boxes=(0, 2)), n_worlds=2, n_steps=3)
+
+
+def test_check_env_warp(env_warp):
+    check_env(env_warp, n_worlds=2, n_steps=2)
 
 
 class Broken(Base):

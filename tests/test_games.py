@@ -17,6 +17,8 @@ What is broken in the published MAax (the predecessor in Brax), and which test f
     locking does not run: test_locks.py::test_a_locked_object_is_held
     one action for all locks does not run: test_locks.py::test_all_at_once_and_owners_are_drawn_among_those_who_want
     no grabbing: test_games.py::test_locks_and_holds_are_at_their_objects
+    masks of actions do not run under jit: test_stats_and_masks.py::test_mask_actions
+    masks of unseen actions do not run under jit: test_stats_and_masks.py::test_mask_unseen_action
     no vision, no lidar: test_senses.py::test_line_of_sight_is_the_cone_and_mj_ray
     split and select fail after the first step: test_games.py::test_every_game
     padding fails after the first step: test_wrappers.py::test_split_spoof_join_flatten

@@ -158,7 +158,8 @@ class Flags(Sites):
     """The bases of two flags, the first team's and the second's.
 
     Args:
-        placement_fn: a list with a function for each of the two, or one function for both.
+        placement_fn: a list with a function for each of the two, or one for both; None puts the first into the half of
+            low y and the second into that of high y, where `CaptureTheFlag` wants them.
         base_size: diameter in metres.
 
     Raises:
@@ -171,6 +172,17 @@ class Flags(Sites):
     is_round = True
     rgba = (0.94, 0.89, 0.26, 1.0)
 
-    def __init__(self, placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement, base_size: float = 0.4):
+    def __init__(self, placement_fn: PlacementFn | Sequence[PlacementFn] | None = None, base_size: float = 0.4):
         size = check_positive("base_size", base_size)
+        placement_fn = [_low_half, _high_half] if placement_fn is None else placement_fn
         super().__init__(2, [size, size, 0.02], placement_fn, height=0.01)
+
+
+def _low_half(layout: Layout, cells: jax.Array) -> jax.Array:
+    y = jnp.arange(layout.grid.size)
+    return jnp.broadcast_to(y + cells[1] <= layout.grid.size // 2, (layout.grid.size,) * 2)
+
+
+def _high_half(layout: Layout, cells: jax.Array) -> jax.Array:
+    y = jnp.arange(layout.grid.size)
+    return jnp.broadcast_to(y >= -(-layout.grid.size // 2), (layout.grid.size,) * 2)

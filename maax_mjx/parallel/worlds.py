@@ -77,7 +77,7 @@ class Worlds:
             raise ValueError(f"env: got {env!r}; takes an environment, as maax.make(...) gives it")
         self.env = env
         self.n_worlds = check_count("n_worlds", n_worlds, minimum=1)
-        self.chunk = max(1, min(self.n_worlds, max(16, self.n_worlds // 16)))
+        self.chunk = min(self.n_worlds, max(64, self.n_worlds // 16))
         self._reset = jax.jit(self.reset_fn)
         self._step: Callable = jax.jit(self.step_fn, donate_argnums=0 if donate else ())
         self._sample = jax.jit(lambda key: jax.vmap(env.sample_action)(jax.random.split(key, self.n_worlds)))

@@ -102,12 +102,19 @@ class CEngine(Engine):
         args = rows(out), rows(state), rows(fields), rows({"engine": rest})["engine"]
         host.step(*args, n_frames)
         self._idle[n_worlds].append(host)
-        speed = np.abs(args[0]["qvel"]).max(axis=1, initial=0.0)
-        way = np.abs(args[0]["qpos"] - args[1]["qpos"]).max(axis=1, initial=0.0)
-        calm = (speed < WILD) & (way < WILD_MEAN * n_frames * self.c_model.opt.timestep)
-        wild = np.flatnonzero(~calm)  # NaN is wild
+        wild = self._wild(*args[:2], n_frames)
         if wild.size:
             self._step_again(wild, *args, n_frames)
+
+    def _wild(self, out: Rows, state: Rows, n_frames: int) -> np.ndarray:
+        """The rows with wild speeds, or with NaN."""
+        speed = np.abs(out["qvel"])
+        way = np.abs(out["qpos"] - state["qpos"])
+        far = WILD_MEAN * n_frames * self.c_model.opt.timestep
+        # Of the whole batch first: that takes a tenth of the time.
+        if speed.max(initial=0.0) < WILD and way.max(initial=0.0) < far:
+            return np.zeros(0, int)
+        return np.flatnonzero(~((speed < WILD).all(axis=1) & (way < far).all(axis=1)))
 
     def _step_again(self, wild: np.ndarray, out: Rows, state: Rows, fields: Rows, rest: np.ndarray, n: int) -> None:
         """Replaces the results of some worlds by those of the careful solver."""

@@ -20,6 +20,9 @@ def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
 
 def rotate(quat: jax.Array, vector: jax.Array) -> jax.Array:
     """Vectors (..., 3) turned."""
-    w, axis = quat[..., :1], quat[..., 1:]
-    across = 2 * jnp.cross(axis, vector)
-    return vector + w * across + jnp.cross(axis, across)
+    # By components: a CPU computes with long axes faster than with ones of three.
+    w, a, b, c = (quat[..., i] for i in range(4))
+    x, y, z = (vector[..., i] for i in range(3))
+    u, v, t = 2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)
+    turned = [x + w * u + b * t - c * v, y + w * v + c * u - a * t, z + w * t + a * v - b * u]
+    return jnp.stack(turned, axis=-1)

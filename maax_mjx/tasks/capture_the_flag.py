@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from maax_mjx.env import Environment
-from maax_mjx.layout import room_placement
 from maax_mjx.modules import Flags
 from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.standard import CountRange, Placement, StandardConfig, standard
@@ -43,7 +42,7 @@ def capture_the_flag(config: CaptureTheFlagConfig) -> Environment:
         ValueError: what the world and the wrappers refuse.
     """
     base = standard(config)
-    base.add_module(Flags([room_placement(0), room_placement(1)]))
+    base.add_module(Flags())
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     env = CaptureTheFlag(env, config.reach, config.wins_at, config.reward_scale)
     return observed_by_agents(env, config.observations, config.observe, ["carries", "is_out"])

@@ -111,6 +111,7 @@ class QuadrantConfig(HideAndSeekConfig):
 
     What differs from the published code: placement outside the quadrant is uniform by area; distances and cones are
     from objects' centres (theirs: the corners); lidar reads at most its range; Newton takes up to 20 iterations.
+    Agents also observe doors, touches, who is in play, and holds.
     """
 
     n_boxes: CountRange = 2

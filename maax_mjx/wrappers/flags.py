@@ -53,7 +53,7 @@ class CaptureTheFlag(Wrapper):
     (2, 1); and to `metrics`, `score_0` and `score_1`.
 
     Args:
-        env: what to wrap; it has `Flags`, and teams 0 and 1.
+        env: what to wrap; it has `Flags`, one in each half, and teams 0 and 1.
         reach: metres from an agent's centre to a flag or base, seen from above.
         wins_at: captures that end the episode.
         scale: what the reward is multiplied with.
@@ -96,7 +96,7 @@ class CaptureTheFlag(Wrapper):
 
     def _play(self, state: State, game: FlagGame) -> FlagGame:
         team, other = self._team, 1 - self._team
-        playing, agents = self._playing(state), jnp.arange(self.base.n_agents)
+        playing = self._playing(state)
         xy, base = self._positions(state)[:, :2], state.world.sites[Flags.kind][:, :2]
         there = state.world.active[Flags.kind]
         half = state.world.plan.floor_size / 2
@@ -110,8 +110,7 @@ class CaptureTheFlag(Wrapper):
         out &= ~near_own
 
         away = jnp.linalg.norm(xy - base[other], axis=1)
-        carrying = (agents[:, None] == carrier).any(axis=1)
-        can_take = playing & ~out & ~carrying & (away <= self.reach)
+        can_take = playing & ~out & (away <= self.reach)
         of_flag = can_take & (other == jnp.arange(2)[:, None])  # (2, n_agents): who can take which flag
         nearest = jnp.where(of_flag, away, jnp.inf).argmin(axis=1).astype(jnp.int32)
         taken = of_flag.any(axis=1) & (carrier == AT_BASE) & there

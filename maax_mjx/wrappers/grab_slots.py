@@ -18,6 +18,7 @@ from maax_mjx.modules import Agents, Entities, Module
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.physics.rotation import conjugate, multiply, rotate
 from maax_mjx.state import State
+from maax_mjx.wrappers.equalities import connect_data, joint_data, set_equalities, weld_data
 
 
 class GrabSlots(Module):
@@ -109,14 +110,12 @@ class GrabSlots(Module):
             relative: (n_agents, 8), see `relative`.
             overlay: the environment's.
         """
-        rows = np.searchsorted(overlay["eq_data"], self._eq_ids)
-        centres, yaws, welds = np.split(rows, self._parts)
         of_centre, of_yaw, of_weld = np.split(self._agent, self._parts)
-        data = state.world.fields["eq_data"]
-        # The point of the agent's frame, and of the object's: its centre, where the compiled model has another.
-        data = data.at[centres, :6].set(jnp.pad(relative[of_centre, :3], ((0, 0), (0, 3))))
-        data = data.at[yaws, 0].set(relative[of_yaw, 7] - self._yaw0)
-        data = data.at[welds, :10].set(jnp.pad(relative[of_weld, :7], ((0, 0), (3, 0))))
-        active = state.data.eq_active.at[self._eq_ids].set(held[self._agent] == self._thing)
-        world = state.world.replace(fields=state.world.fields | {"eq_data": data})
-        return state.replace(world=world, data=state.data.replace(eq_active=active))
+        data = jnp.concatenate(
+            [
+                connect_data(relative[of_centre, :3]),
+                joint_data(relative[of_yaw, 7] - self._yaw0, 1.0),
+                weld_data(relative[of_weld, :7]),
+            ]
+        )
+        return set_equalities(state, overlay, self._eq_ids, data, held[self._agent] == self._thing)

@@ -13,6 +13,7 @@ from maax_mjx.limits import FAR, SOLIMP, SOLREF, limit_joint
 from maax_mjx.modules import Entities, Module
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.state import State
+from maax_mjx.wrappers.equalities import joint_data, set_equalities, weld_data
 
 METHODS = ("equality", "joint_range")
 JOINTS = ("x", "y", "z", "yaw")
@@ -95,18 +96,13 @@ class LockSlots(Module):
             overlay: the environment's.
         """
         value = pose[self._joint_slot, self._joint_axis]
-        fields = state.world.fields
         if self.method == "joint_range":
             rows = np.searchsorted(overlay["jnt_range"], self._jnt_ids)
             closed = jnp.stack([value, value], axis=1)
             ranges = jnp.where(locked[self._joint_slot][:, None], closed, jnp.array([-FAR, FAR]))
+            fields = state.world.fields
             fields = fields | {"jnt_range": fields["jnt_range"].at[rows].set(ranges)}
             return state.replace(world=state.world.replace(fields=fields))
-        n_joints = len(self._joint_slot)
-        rows = np.searchsorted(overlay["eq_data"], self._eq_ids)
-        data = fields["eq_data"].at[rows[:n_joints], 0].set(value - self._qpos0)
-        data = data.at[rows[n_joints:], 3:10].set(pose[self._weld_slot])
+        data = jnp.concatenate([joint_data(value - self._qpos0, 0.0), weld_data(pose[self._weld_slot])])
         slots = np.concatenate([self._joint_slot, self._weld_slot])
-        active = state.data.eq_active.at[self._eq_ids].set(locked[slots])
-        world = state.world.replace(fields=fields | {"eq_data": data})
-        return state.replace(world=world, data=state.data.replace(eq_active=active))
+        return set_equalities(state, overlay, self._eq_ids, data, locked[slots])

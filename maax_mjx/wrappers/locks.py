@@ -108,9 +108,8 @@ class LockObjects(Wrapper):
     def step(self, state: State, action: dict[str, Any]) -> State:
         wants = jnp.asarray(action["lock"]) > 0
         wants = wants if self.per_object else jnp.broadcast_to(wants[:, None], (len(wants), self.n_lockable))
-        key, draw = jax.random.split(state.key)
-        locks = self._decide(state, wants, draw)
-        state = self.remember(state.replace(key=key), locks)
+        locks = self._decide(state, wants, jax.random.fold_in(state.key, state.step))
+        state = self.remember(state, locks)
         state = self._slots.hold(state, locks.locked, locks.pose, self.base.overlay)
         if self._slots.method == "joint_range":
             # What is unlocked ends at the edge of the arena again, where it does.

@@ -64,4 +64,5 @@ def distance_to_objects(bodies: np.ndarray, modules: Sequence[Entities], state: 
     quats = jnp.concatenate([state.data.xquat[m.body_ids] for m in modules])
     half = jnp.concatenate([m.extents_of(state.world) for m in modules]) / 2
     local = rotate(conjugate(quats), state.data.xpos[bodies][:, None] - centres)
-    return jnp.linalg.norm(jnp.maximum(jnp.abs(local) - half, 0.0), axis=-1)
+    beyond = [jnp.maximum(jnp.abs(local[..., i]) - half[:, i], 0.0) for i in range(3)]
+    return jnp.sqrt(sum(x * x for x in beyond))
