@@ -31,6 +31,7 @@ from maax_mjx.env import Environment
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics.c_engine import CEngine
 from maax_mjx.physics.engine import MjxEngine
+from maax_mjx.wrappers.actions import to_bins
 
 ROUNDS = 8
 DISTINCT = 16
@@ -109,8 +110,7 @@ def draw_actions(env: Environment, n_worlds: int, held: int) -> Actions:
         forces = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
         actions["forces"] = actions["move"] = forces.astype(np.float32)
         if isinstance(space, spaces.MultiDiscrete):
-            most = int(space.nvec.flat[0]) - 1
-            actions["move"] = np.round((forces + 1) / 2 * most).astype(np.int32)
+            actions["move"] = to_bins(forces, int(space.nvec.flat[0]))
     return jax.tree.map(jnp.asarray, actions)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from maax_mjx.checks import check_positive
 from maax_mjx.layout import Layout, PlacementFn, uniform_placement
+from maax_mjx.layout.grid import within
 from maax_mjx.modules.elongated import Elongated
 from maax_mjx.modules.module import BELOW
 from maax_mjx.modules.placed import Placed, Places
@@ -179,10 +180,10 @@ class Flags(Sites):
 
 
 def _low_half(layout: Layout, cells: jax.Array) -> jax.Array:
-    y = jnp.arange(layout.grid.size)
-    return jnp.broadcast_to(y + cells[1] <= layout.grid.size // 2, (layout.grid.size,) * 2)
+    g = layout.grid.size
+    return within(g, cells, jnp.array([0, 0, g, g // 2]))
 
 
 def _high_half(layout: Layout, cells: jax.Array) -> jax.Array:
-    y = jnp.arange(layout.grid.size)
-    return jnp.broadcast_to(y >= -(-layout.grid.size // 2), (layout.grid.size,) * 2)
+    g = layout.grid.size
+    return within(g, cells, jnp.array([0, -(-g // 2), g, g]))

@@ -13,7 +13,7 @@ from maax_mjx.tasks.hide_and_seek import (
 )
 from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.registry import config_of, jitted, make, register, tasks
-from maax_mjx.tasks.standard import StandardConfig, standard
+from maax_mjx.tasks.standard import GameConfig, StandardConfig, standard
 from maax_mjx.tasks.tag import TagConfig, tag
 
 register("standard", standard, StandardConfig)
@@ -26,6 +26,7 @@ register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
 __all__ = [
     "CaptureTheFlagConfig",
     "FullConfig",
+    "GameConfig",
     "GrabConfig",
     "HideAndSeekConfig",
     "LidarConfig",

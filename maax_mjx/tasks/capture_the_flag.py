@@ -7,19 +7,18 @@ from dataclasses import dataclass
 from maax_mjx.env import Environment
 from maax_mjx.modules import Flags
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, Placement, StandardConfig, standard
+from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, standard
 from maax_mjx.wrappers import AgentAgentContactMask2D, CaptureTheFlag, TeamMembership
 
 
 @dataclass(frozen=True)
-class CaptureTheFlagConfig(StandardConfig):
+class CaptureTheFlagConfig(GameConfig):
     """Two against two, each in a room of its own with a base and a door between; a few boxes to hide behind.
 
     The teams are the slots of `n_hiders` and of `n_seekers`. The rules are those of `CaptureTheFlag`.
 
     Attributes:
-        reach, wins_at, reward_scale: see `CaptureTheFlag`.
-        observations, observe: as of `HideAndSeekConfig`.
+        reach, wins_at: see `CaptureTheFlag`.
     """
 
     scenario: str = "half"
@@ -30,9 +29,6 @@ class CaptureTheFlagConfig(StandardConfig):
     door_size: int = 6
     reach: float = 0.4
     wins_at: int = 3
-    reward_scale: float = 1.0
-    observations: str = "flat"
-    observe: str = "self"
 
 
 def capture_the_flag(config: CaptureTheFlagConfig) -> Environment:

@@ -7,7 +7,7 @@ from typing import Any
 
 from maax_mjx.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, Placement, Range, StandardConfig, standard
+from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, Range, standard
 from maax_mjx.worldgen import WorldParams
 from maax_mjx.wrappers import (
     AgentAgentContactMask2D,
@@ -68,26 +68,22 @@ class RectConfig:
 
 
 @dataclass(frozen=True)
-class HideAndSeekConfig(StandardConfig):
+class HideAndSeekConfig(GameConfig):
     """The thesis's game (section 5.2.1): M, touching counts, locking, rewards at every step after preparation.
 
     Attributes:
         prep_fraction, blind: see `PreparationPhase`.
-        by, rew_type, reward_scale: see `HideAndSeekReward`.
+        by, rew_type: see `HideAndSeekReward`.
         cone: of `LineOfSight` in radians, full; None leaves vision out.
         lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
         n_bins: bins of the movement, see `DiscretizeActions`; None is forces.
         stats: whether `metrics` tell what happened, see `TrackStats`.
-        observations: "raw", "split" (arrays for every agent) or "flat" (one vector for every agent); see
-            `tasks.observe`.
-        observe: of flat observations, what is privileged: "self" (nothing), "team" or "all".
     """
 
     prep_fraction: float = 0.4
     blind: bool = False
     by: str = "contact"
     rew_type: str = "selfish"
-    reward_scale: float = 1.0
     cone: float | None = None
     lock: LockConfig | None = LockConfig()
     grab: GrabConfig | None = None
@@ -95,8 +91,6 @@ class HideAndSeekConfig(StandardConfig):
     rect: RectConfig | None = None
     n_bins: int | None = None
     stats: bool = True
-    observations: str = "flat"
-    observe: str = "self"
 
 
 @dataclass(frozen=True)

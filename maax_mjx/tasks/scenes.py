@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from maax_mjx.env import Environment
 from maax_mjx.layout import Layout
+from maax_mjx.layout.grid import within
 from maax_mjx.layout.placement import requires_quadrant
 from maax_mjx.state import State
 from maax_mjx.tasks import scripted
@@ -99,7 +100,7 @@ def over_the_wall(impl: str = "auto") -> Scene:
 
     def reset(key: jax.Array) -> State:
         state = env.reset(key)
-        wall = state.world.plan.quadrant[3] * base.floor_size / base.grid_size
+        wall = scripted.quadrant_rect(state, env)[3]
         ramp, seeker = base.modules["ramps"].qpos_ids[0], base.agents.qpos_ids[SEEKER]  # type: ignore[attr-defined]
         x = jax.random.uniform(key, minval=3.8, maxval=5.2)
         qpos = state.data.qpos.at[ramp].set(jnp.stack([x, wall + 0.31, 0.25, 0.0]))
@@ -121,7 +122,4 @@ SCENES = {"catch": catch, "closed_door": closed_door, "over_the_wall": over_the_
 @requires_quadrant
 def _away_from_walls(layout: Layout, cells: jax.Array) -> jax.Array:
     """In the quadrant, with room around."""
-    rect = layout.plan.quadrant
-    at = jnp.arange(layout.grid.size)
-    fits = [(at >= rect[i] + MARGIN) & (at + cells[i] <= rect[i + 2] - MARGIN) for i in range(2)]
-    return fits[0][:, None] & fits[1]
+    return within(layout.grid.size, cells, layout.plan.quadrant + MARGIN * jnp.array([1, 1, -1, -1]))

@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from maax_mjx.env import Environment
 from maax_mjx.state import State
+from maax_mjx.wrappers.actions import to_bins
 
 PASSING = 0.35
 """Metres from a door's middle at which an agent counts as being in it."""
@@ -32,8 +33,7 @@ def to_action(env: Environment, forces: jax.Array, **parts: jax.Array) -> dict[s
         if name == "move":
             action[name] = forces
             if isinstance(space, spaces.MultiDiscrete):
-                most = int(space.nvec.flat[0]) - 1
-                action[name] = jnp.round((forces + 1) / 2 * most).astype(jnp.int32)
+                action[name] = to_bins(forces, int(space.nvec.flat[0]))
         else:
             part = jnp.asarray(parts.get(name, jnp.zeros(shape[0])), jnp.int32)
             action[name] = jnp.broadcast_to(part.reshape(-1, *[1] * (len(shape) - 1)), shape)
@@ -118,21 +118,25 @@ def close_door(state: State, env: Environment, agent: int, box: int = 0) -> tupl
 
 def in_quadrant(state: State, env: Environment, point: jax.Array) -> jax.Array:
     """() bool: whether a point (2,) is inside the quadrant's walls."""
-    cell = state.world.plan.floor_size / env.base.grid_size
-    low, high = state.world.plan.quadrant[:2] * cell, state.world.plan.quadrant[2:] * cell
-    return ((point >= low) & (point <= high)).all()
+    rect = quadrant_rect(state, env)
+    return ((point >= rect[:2]) & (point <= rect[2:])).all()
+
+
+def quadrant_rect(state: State, env: Environment) -> jax.Array:
+    """(4,) x0, y0, x1, y1 of the quadrant in metres."""
+    return state.world.plan.quadrant * (state.world.plan.floor_size / env.base.grid_size)
 
 
 def _outside_corner(state: State, env: Environment) -> jax.Array:
     """(2,) a point off the corner of the quadrant's walls."""
-    cell = state.world.plan.floor_size / env.base.grid_size
-    return state.world.plan.quadrant[jnp.array([0, 3])] * cell + jnp.array([-0.4, 0.4])
+    return quadrant_rect(state, env)[jnp.array([0, 3])] + jnp.array([-0.4, 0.4])
 
 
 def quadrant_door(state: State, env: Environment) -> tuple[jax.Array, jax.Array]:
     """(2,) the middle of the quadrant's first door in metres, and (2,) the direction from it into the quadrant."""
     plan = state.world.plan
     door = plan.doors[plan.door_mask.argmax(), :2]
-    cell = plan.floor_size / env.base.grid_size
-    to_left, to_top = jnp.abs(door[0] - plan.quadrant[0] * cell), jnp.abs(door[1] - plan.quadrant[3] * cell)
-    return door, jnp.where(to_left < to_top, jnp.array([1.0, 0.0]), jnp.array([0.0, -1.0]))
+    left, _, _, top = quadrant_rect(state, env)
+    return door, jnp.where(
+        jnp.abs(door[0] - left) < jnp.abs(door[1] - top), jnp.array([1.0, 0.0]), jnp.array([0.0, -1.0])
+    )

@@ -86,6 +86,22 @@ class StandardConfig:
     contacts_per_world: int | None = None
 
 
+@dataclass(frozen=True)
+class GameConfig(StandardConfig):
+    """What the configs of all games have.
+
+    Attributes:
+        reward_scale: what the game's reward is multiplied with.
+        observations: "raw", "split" (arrays for every agent) or "flat" (one vector for every agent); see
+            `tasks.observe`.
+        observe: of flat observations, what is privileged: "self" (nothing), "team" or "all".
+    """
+
+    reward_scale: float = 1.0
+    observations: str = "flat"
+    observe: str = "self"
+
+
 def standard(config: StandardConfig) -> Base:
     """Builds the world of a config.
 

@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 from maax_mjx.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, Placement, StandardConfig, standard
+from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, standard
 from maax_mjx.wrappers import AgentAgentContactMask2D, Tag, TeamMembership
 
 
 @dataclass(frozen=True)
-class TagConfig(StandardConfig):
+class TagConfig(GameConfig):
     """Four players in a room with boxes and a ramp; one of them is it. The players are the slots of `n_hiders`.
 
     Attributes:
-        immunity, reward_scale: see `Tag`.
-        observations, observe: as of `HideAndSeekConfig`.
+        immunity: see `Tag`.
     """
 
     scenario: str = "empty"
@@ -25,9 +24,6 @@ class TagConfig(StandardConfig):
     n_boxes: CountRange = (1, 3)
     hider_placement: Placement = "uniform"
     immunity: int = 50
-    reward_scale: float = 1.0
-    observations: str = "flat"
-    observe: str = "self"
 
 
 def tag(config: TagConfig) -> Environment:

@@ -15,6 +15,11 @@ from maax_mjx.state import State
 from maax_mjx.wrappers.wrapper import ActionWrapper
 
 
+def to_bins(forces: Any, n_bins: int) -> Any:
+    """The nearest bins to forces in [-1, 1]: int32 of the same shape, of NumPy or JAX as they are."""
+    return ((forces + 1) / 2 * (n_bins - 1)).round().astype(np.int32)
+
+
 class DiscretizeActions(ActionWrapper):
     """Takes `action["move"]` as bins (n_agents, 3) int: 0 is full force backwards, the last full force forwards.
 

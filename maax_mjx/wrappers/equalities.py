@@ -7,10 +7,34 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from maax_mjx.limits import SOLIMP, SOLREF
 from maax_mjx.physics import Overlay
 from maax_mjx.state import State
 
 WIDTH = mujoco.mjNEQDATA
+
+
+def add_equality(
+    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtEq, first: str, second: str = "", ratio: float = 0.0
+) -> None:
+    """Adds a stiff equality of two joints (the second may be left out) or two bodies, inactive until data sets it.
+
+    Args:
+        spec: what to add it to.
+        name: its name.
+        kind: joint, connect or weld.
+        first, second: names of joints, or of bodies.
+        ratio: of joints.
+    """
+    of_joints = kind == mujoco.mjtEq.mjEQ_JOINT
+    data = np.zeros(WIDTH)
+    data[1] = ratio
+    if kind == mujoco.mjtEq.mjEQ_WELD:
+        data[6] = data[10] = 1.0  # the real part of its quaternion, and its torque scale
+    spec.add_equality(
+        name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT if of_joints else mujoco.mjtObj.mjOBJ_BODY,
+        name1=first, name2=second, active=False, solref=SOLREF, solimp=SOLIMP, data=data,
+    )  # fmt: skip
 
 
 def joint_data(offset: jax.Array, ratio: float) -> jax.Array:

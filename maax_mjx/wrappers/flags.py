@@ -87,7 +87,7 @@ class CaptureTheFlag(Wrapper):
         state = self.env.step(state, action)
         game = self._play(state, before)
         captured = (game.score - before.score).astype(state.reward.dtype)
-        gained = (captured[self._team] - captured[1 - self._team]) * self._playing(state)
+        gained = (captured[self._team] - captured[1 - self._team]) * self.playing(state)
         state = state.replace(
             reward=state.reward + self.scale * gained,
             terminated=state.terminated | (game.score >= self.wins_at).any(),
@@ -96,7 +96,7 @@ class CaptureTheFlag(Wrapper):
 
     def _play(self, state: State, game: FlagGame) -> FlagGame:
         team, other = self._team, 1 - self._team
-        playing = self._playing(state)
+        playing = self.playing(state)
         xy, base = self._positions(state)[:, :2], state.world.sites[Flags.kind][:, :2]
         there = state.world.active[Flags.kind]
         half = state.world.plan.floor_size / 2
@@ -120,9 +120,6 @@ class CaptureTheFlag(Wrapper):
         home = (carrier >= 0) & near_own[carrier] & own_there & there[::-1]
         score = game.score + home[::-1]
         return FlagGame(jnp.where(home, AT_BASE, carrier), out, score)
-
-    def _playing(self, state: State) -> jax.Array:
-        return state.world.active[self.base.agents.kind]
 
     def _positions(self, state: State) -> jax.Array:
         return state.data.xpos[self.base.agents.body_ids]

@@ -13,12 +13,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.limits import SOLIMP, SOLREF
 from maax_mjx.modules import Agents, Entities, Module
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.physics.rotation import conjugate, multiply, rotate
 from maax_mjx.state import State
-from maax_mjx.wrappers.equalities import connect_data, joint_data, set_equalities, weld_data
+from maax_mjx.wrappers.equalities import add_equality, connect_data, joint_data, set_equalities, weld_data
 
 
 class GrabSlots(Module):
@@ -53,23 +52,13 @@ class GrabSlots(Module):
         return max(0, len(self._centres) + len(self._yaws) + len(self._welds) - at_once)
 
     def spec_step(self, spec: mujoco.MjSpec) -> None:
-        def add(name: str, kind: mujoco.mjtEq, first: str, second: str, data: np.ndarray) -> None:
-            of_joints = kind == mujoco.mjtEq.mjEQ_JOINT
-            spec.add_equality(
-                name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT if of_joints else mujoco.mjtObj.mjOBJ_BODY,
-                name1=first, name2=second, active=False, solref=SOLREF, solimp=SOLIMP, data=data,
-            )  # fmt: skip
-
-        empty, proportional, weld = (np.zeros(mujoco.mjNEQDATA) for _ in range(3))
-        proportional[1] = 1.0
-        weld[6] = weld[10] = 1.0  # the real part of its quaternion, and its torque scale
         for *_, name in self._centres:
             agent, thing = name.split(":grab:")
-            add(name, mujoco.mjtEq.mjEQ_CONNECT, agent, thing, empty)
-            add(f"{name}:yaw", mujoco.mjtEq.mjEQ_JOINT, f"{thing}:yaw", f"{agent}:yaw", proportional)
+            add_equality(spec, name, mujoco.mjtEq.mjEQ_CONNECT, agent, thing)
+            add_equality(spec, f"{name}:yaw", mujoco.mjtEq.mjEQ_JOINT, f"{thing}:yaw", f"{agent}:yaw", ratio=1.0)
         for *_, name in self._welds:
             agent, thing = name.split(":grab:")
-            add(name, mujoco.mjtEq.mjEQ_WELD, agent, thing, weld)
+            add_equality(spec, name, mujoco.mjtEq.mjEQ_WELD, agent, thing)
 
     def cache_step(self, model: mujoco.MjModel) -> None:
         def column(pairs: list, i: int) -> np.ndarray:

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.limits import FAR, SOLIMP, SOLREF, limit_joint
+from maax_mjx.limits import FAR, limit_joint
 from maax_mjx.modules import Entities, Module
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.state import State
-from maax_mjx.wrappers.equalities import joint_data, set_equalities, weld_data
+from maax_mjx.wrappers.equalities import add_equality, joint_data, set_equalities, weld_data
 
 METHODS = ("equality", "joint_range")
 JOINTS = ("x", "y", "z", "yaw")
@@ -53,18 +53,9 @@ class LockSlots(Module):
                 if self.method == "joint_range":
                     limit_joint(spec.joint(f"{name}:{joint}"))
                 else:
-                    self._add(spec, f"{name}:lock:{joint}", mujoco.mjtEq.mjEQ_JOINT, f"{name}:{joint}")
+                    add_equality(spec, f"{name}:lock:{joint}", mujoco.mjtEq.mjEQ_JOINT, f"{name}:{joint}")
             if free:
-                self._add(spec, f"{name}:lock:weld", mujoco.mjtEq.mjEQ_WELD, "world", name)
-
-    def _add(self, spec: mujoco.MjSpec, name: str, kind: mujoco.mjtEq, first: str, second: str = "") -> None:
-        weld = kind == mujoco.mjtEq.mjEQ_WELD
-        data = np.zeros(mujoco.mjNEQDATA)
-        data[6] = data[10] = float(weld)  # of a weld, the real part of its quaternion and its torque scale
-        spec.add_equality(
-            name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_BODY if weld else mujoco.mjtObj.mjOBJ_JOINT,
-            name1=first, name2=second, active=False, solref=SOLREF, solimp=SOLIMP, data=data,
-        )  # fmt: skip
+                add_equality(spec, f"{name}:lock:weld", mujoco.mjtEq.mjEQ_WELD, "world", name)
 
     def cache_step(self, model: mujoco.MjModel) -> None:
         slots = list(enumerate(self.names))

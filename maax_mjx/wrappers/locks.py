@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from maax_mjx.checks import check_bool, check_choice, check_positive
 from maax_mjx.env import Environment
+from maax_mjx.keys import draw_one
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
 from maax_mjx.wrappers.lock_rules import LOCK_TYPES, lock_rule
@@ -123,8 +124,7 @@ class LockObjects(Wrapper):
         lock, unlock = lock_rule(self.lock_type, wants, near, locks.locked, locks.last_owner, self._team)
         kept = locks.locked & ~unlock
         new = lock & ~kept
-        asking = wants & near
-        drawn = jnp.where(asking, jax.random.uniform(key, asking.shape), -1.0).argmax(axis=0).astype(jnp.int32)
+        drawn = draw_one(key, wants & near)
         locked, last = kept | new, jnp.where(new, drawn, locks.last_owner)
         pose = jnp.where(new[:, None], self._slots.pose(state.data), locks.pose)
         return Locks(locked, jnp.where(locked, last, -1), last, pose)
@@ -133,6 +133,6 @@ class LockObjects(Wrapper):
         locks: Locks = state.mechanics[self.name]
         mine = locks.locked & (locks.owner == jnp.arange(self.base.n_agents)[:, None])
         ours = locks.locked & (jnp.asarray(self._team)[locks.last_owner] == self._team[:, None])
-        agents = state.world.active[self.base.agents.kind][:, None]
+        agents = self.playing(state)[:, None]
         masks = {"obj_lock": locks.locked, "you_lock": mine & agents, "team_lock": ours & agents}
         return state.replace(obs=state.obs | {name: x[..., None].astype(jnp.float32) for name, x in masks.items()})

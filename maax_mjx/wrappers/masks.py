@@ -14,7 +14,7 @@ from maax_mjx.state import State
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.senses import LineOfSight
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
-from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, null_rows
+from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, null_rows, shown
 
 Mask = Callable[[State], jax.Array]
 
@@ -47,12 +47,10 @@ class MaskActions(ActionWrapper):
     def _seen(self, names: Sequence[str]) -> Mask:
         sight = self.inner(LineOfSight)
         names = [check_choice("mask", name, sight.senses) for name in names]
-        return lambda state: jnp.concatenate([state.mechanics[sight.name][name] for name in names], axis=1)
+        return lambda state: sight.seen(state, names)
 
     def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
-        part, mask = jnp.asarray(action[self.masked]), self._mask(state)
-        mask = mask.reshape(*mask.shape, *[1] * (part.ndim - mask.ndim))
-        return {**action, self.masked: jnp.where(mask, part, jnp.zeros_like(part))}
+        return {**action, self.masked: shown(jnp.asarray(action[self.masked]), self._mask(state))}
 
 
 class MaskUnseenAction(ActionWrapper):
@@ -111,8 +109,4 @@ class MaskObservations(ObservationWrapper):
                 raise ValueError(f"masks: {mask!r} has shape {shape}; takes {takes} for {key!r}")
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        def show(key: str, mask: str) -> jax.Array:
-            x, shown = state.obs[key], state.obs[mask] > 0
-            return jnp.where(shown.reshape(*shown.shape, *[1] * (x.ndim - 2)), x, jnp.zeros_like(x))
-
-        return state.obs | {key: show(key, mask) for key, mask in self.masks.items()}
+        return state.obs | {key: shown(state.obs[key], state.obs[mask] > 0) for key, mask in self.masks.items()}

@@ -182,7 +182,7 @@ class FlattenObservations(ObservationWrapper):
         flat = [state.obs[key].reshape(n, -1).astype(jnp.float32) for key in sorted(state.obs)]
         obs = {"obs": jnp.concatenate(flat, axis=1)}
         if self.observe != "self":
-            shown = self._shown & state.world.active[self.base.agents.kind][self._order]
+            shown = self._shown & self.playing(state)[self._order]
             obs["privileged"] = jnp.where(shown[..., None], obs["obs"][self._order], 0.0).reshape(n, -1)
         return obs
 

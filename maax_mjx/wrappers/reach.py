@@ -41,8 +41,10 @@ class Reach:
             raise ValueError(f"objects: got {list(objects)}, of which there are none; takes modules that hold some")
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None
+        held = [m for m in self.modules if m.n_max]
+        self._sees = [f"sees_{m.name}" for m in held]
         if self._sight is not None:
-            self._sight.check_sees([m for m in self.modules if m.n_max])
+            self._sight.check_sees(held)
 
     def __call__(self, state: State) -> tuple[jax.Array, jax.Array]:
         """(n_agents, n) distances in metres, and bool: what is within reach, of whom and what is in play."""
@@ -51,7 +53,7 @@ class Reach:
         present = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         near = (distance <= self._radius) & present & state.world.active[self._base.agents.kind][:, None]
         if self._sight is not None:
-            near &= self._sight.seen(state, [m for m in self.modules if m.n_max])
+            near &= self._sight.seen(state, self._sees)
         return distance, near
 
 

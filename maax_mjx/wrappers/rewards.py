@@ -52,7 +52,7 @@ class HideAndSeekReward(RewardWrapper):
         self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)
 
     def reward(self, state: State) -> jax.Array:
-        active = state.world.active[self.base.agents.kind]
+        active = self.playing(state)
         hiders, seekers = active & self._hiders, active & self._seekers
         has = self._mask(state) & seekers[:, None] & hiders
         hidden = jnp.where(has.any(axis=0), -1.0, 1.0)
@@ -107,7 +107,7 @@ class RestrictAgentsRect(RewardWrapper):
         if self.penalize_objects_out:
             objects = [m for m in self.base.movables if m is not self.base.agents]
             out = jnp.stack([self._outside(state, module).any() for module in objects]).any() if objects else False
-            penalised = penalised | (out & state.world.active[self.base.agents.kind])
+            penalised = penalised | (out & self.playing(state))
         return jnp.where(penalised, -self.penalty, state.reward)
 
     def _outside(self, state: State, module: Entities) -> jax.Array:

@@ -63,10 +63,9 @@ class LineOfSight(_Senses):
     def senses(self) -> tuple[str, ...]:
         return tuple(f"sees_{m.name}" for m in self.modules)
 
-    def seen(self, state: State, modules: Sequence[Entities]) -> jax.Array:
-        """(n_agents, n) bool: who of the agents sees which objects of some modules, in a state that it has led to."""
-        masks = state.mechanics[self.name]
-        return jnp.concatenate([masks[f"sees_{m.name}"] for m in modules], axis=1)
+    def seen(self, state: State, names: Sequence[str]) -> jax.Array:
+        """(n_agents, n) bool: some of its `senses`, joined, in a state that it has led to."""
+        return jnp.concatenate([state.mechanics[self.name][name] for name in names], axis=1)
 
     def check_sees(self, modules: Sequence[Entities]) -> None:
         """Refuses modules whose objects are not looked at.
@@ -97,7 +96,7 @@ class LineOfSight(_Senses):
         there = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         itself = bodies == self.base.agents.body_ids[:, None]
         seen = ((jnp.abs(turn) <= self.half_cone) & (met == bodies) & (geom >= 0)) | itself
-        seen &= there & state.world.active[self.base.agents.kind][:, None]
+        seen &= there & self.playing(state)[:, None]
         parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
         masks = dict(zip(self.senses, parts, strict=True))
         return self.remember(state, masks).replace(obs=state.obs | masks)
@@ -149,5 +148,5 @@ class Lidar(_Senses, ObservationWrapper):
         distance = jnp.minimum(distance, self.range)[..., None]
         if self.compress is not None:
             distance = self.compress * jnp.tanh(distance / self.compress)
-        active = state.world.active[self.base.agents.kind][:, None, None]
+        active = self.playing(state)[:, None, None]
         return state.obs | {"lidar": jnp.where(active, distance, 0.0)}

@@ -70,30 +70,30 @@ class TrackStats(StateWrapper):
         totals = {"distance_run": jnp.zeros(n)}
         if self._catches:
             totals["catches"] = jnp.zeros((), jnp.int32)
+        things = self._things(state, here, here)
         if self._prep_steps is not None:
-            zeros = jax.tree.map(jnp.zeros_like, self._things(state, here, here))
-            totals |= {f"{name}_prep": value for name, value in zeros.items()}
-        return self._told(self.remember(state, Stats(here, here, self._touching(state), totals)), here)
+            totals |= {f"{name}_prep": jnp.zeros_like(value) for name, value in things.items()}
+        return self._told(state, Stats(here, here, self._touching(state), totals), things)
 
     def look(self, state: State) -> State:
         stats: Stats = state.mechanics[self.name]
         here, touching = self._positions(state), self._touching(state)
         totals = dict(stats.totals)
         way = jnp.linalg.norm(here - stats.before, axis=1)[self._rows(self.base.agents)]
-        totals["distance_run"] += jnp.where(state.world.active[self.base.agents.kind], way, 0.0)
+        totals["distance_run"] += jnp.where(self.playing(state), way, 0.0)
         if self._catches:
             playing = jnp.ones((), bool) if self._prep_steps is None else state.step > self._prep_steps
             new = (touching & ~stats.touching & self._pairs).sum()
             totals["catches"] += jnp.where(playing, new, 0).astype(jnp.int32)
+        things = self._things(state, stats.start, here)
         if self._prep_steps is not None:
-            for name, value in self._things(state, stats.start, here).items():
+            for name, value in things.items():
                 at_end = state.step == self._prep_steps
                 totals[f"{name}_prep"] = jnp.where(at_end, value, totals[f"{name}_prep"])
-        return self._told(self.remember(state, stats.replace(before=here, touching=touching, totals=totals)), here)
+        return self._told(state, stats.replace(before=here, touching=touching, totals=totals), things)
 
-    def _told(self, state: State, here: jax.Array) -> State:
-        stats: Stats = state.mechanics[self.name]
-        return state.replace(metrics=state.metrics | stats.totals | self._things(state, stats.start, here))
+    def _told(self, state: State, stats: Stats, things: dict[str, jax.Array]) -> State:
+        return self.remember(state, stats).replace(metrics=state.metrics | stats.totals | things)
 
     def _things(self, state: State, start: jax.Array, here: jax.Array) -> dict[str, jax.Array]:
         """How far objects are from where they began, and how many are locked."""

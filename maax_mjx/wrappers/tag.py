@@ -10,6 +10,7 @@ from flax import struct
 
 from maax_mjx.checks import check_count, check_positive
 from maax_mjx.env import Environment
+from maax_mjx.keys import draw_one
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
@@ -61,7 +62,7 @@ class Tag(Wrapper):
         key, draw = jax.random.split(state.key)
         none = jnp.full((), -1, jnp.int32)
         nothing = jnp.zeros((), jnp.int32)
-        tagged = Tagged(_draw(draw, self._playing(state)), none, nothing, nothing)
+        tagged = Tagged(draw_one(draw, self.playing(state)), none, nothing, nothing)
         return self._observed(self.remember(state.replace(key=key), tagged))
 
     def step(self, state: State, action: Any) -> State:
@@ -73,26 +74,18 @@ class Tag(Wrapper):
         touched = state.mechanics[AgentAgentContactMask2D.name][tagged.it] & ~safe
         passed = touched.any()
         tagged = Tagged(
-            it=jnp.where(passed, _draw(draw, touched), tagged.it),
+            it=jnp.where(passed, draw_one(draw, touched), tagged.it),
             safe=jnp.where(passed, tagged.it, tagged.safe),
             safe_for=jnp.where(passed, self.immunity, jnp.maximum(tagged.safe_for - 1, 0)).astype(jnp.int32),
             tags=tagged.tags + passed,
         )
         state = self.remember(state.replace(key=key), tagged)
-        playing, is_it = self._playing(state), players == tagged.it
+        playing, is_it = self.playing(state), players == tagged.it
         share = 1 / jnp.maximum(playing.sum() - 1, 1)
         own = jnp.where(playing, jnp.where(is_it, -1.0, share), 0.0)
         return self._observed(state.replace(reward=state.reward + self.scale * own))
-
-    def _playing(self, state: State) -> jax.Array:
-        return state.world.active[self.base.agents.kind]
 
     def _observed(self, state: State) -> State:
         tagged: Tagged = state.mechanics[self.name]
         is_it = (jnp.arange(self.base.n_agents) == tagged.it).astype(jnp.float32)
         return state.replace(obs=state.obs | {"is_it": is_it[:, None]}, metrics=state.metrics | {"tags": tagged.tags})
-
-
-def _draw(key: jax.Array, among: jax.Array) -> jax.Array:
-    """() int32, one of those for whom `among` (n,) is true."""
-    return jnp.where(among, jax.random.uniform(key, among.shape), -1.0).argmax().astype(jnp.int32)

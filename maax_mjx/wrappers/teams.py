@@ -50,7 +50,7 @@ class TeamMembership(ObservationWrapper):
         return self.team_index == team
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        active = state.world.active[self.base.agents.kind]
+        active = self.playing(state)
         same = self.team_index[:, None] == self.team_index
         size = (same & active).sum(axis=1) * active
         obs = {"agent_team": self.team_index * active, "team_size": size}

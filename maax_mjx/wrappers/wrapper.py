@@ -86,6 +86,10 @@ class Wrapper(Environment):
         """The state with what this wrapper keeps of it."""
         return state.replace(mechanics=state.mechanics | {self.name: memory})
 
+    def playing(self, state: State) -> jax.Array:
+        """(n_agents,) bool: which agents are in play."""
+        return state.world.active[self.base.agents.kind]
+
     @property
     def senses(self) -> tuple[str, ...]:
         """The observations, (n_agents, ...) each, by which agents sense: what `blind` takes away."""
@@ -162,4 +166,9 @@ def find(env: Environment, kind: type[W]) -> W | None:
 
 def null_rows(arrays: dict[str, jax.Array], who: jax.Array) -> dict[str, jax.Array]:
     """Arrays (n_agents, ...) with zeros for agents `who`."""
-    return {k: jnp.where(who.reshape(-1, *[1] * (x.ndim - 1)), jnp.zeros_like(x), x) for k, x in arrays.items()}
+    return {name: shown(x, ~who) for name, x in arrays.items()}
+
+
+def shown(array: jax.Array, mask: jax.Array) -> jax.Array:
+    """An array with zeros where a mask over its leading axes is false."""
+    return jnp.where(mask.reshape(*mask.shape, *[1] * (array.ndim - mask.ndim)), array, jnp.zeros_like(array))
