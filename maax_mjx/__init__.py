@@ -38,13 +38,14 @@ from maax_mjx.modules import (  # noqa: E402
     WallScenarios,
     WorldConstants,
 )
-from maax_mjx.parallel import Worlds, WorldsState  # noqa: E402
+from maax_mjx.parallel import Checkpoints, Worlds, WorldsState  # noqa: E402
 from maax_mjx.params import DomainParams  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError  # noqa: E402
 from maax_mjx.state import State  # noqa: E402
 from maax_mjx.tasks import (  # noqa: E402
     CaptureTheFlagConfig,
     FullConfig,
+    GameConfig,
     GrabConfig,
     HideAndSeekConfig,
     LidarConfig,
@@ -99,6 +100,7 @@ __all__ = [
     "Boxes",
     "CaptureTheFlag",
     "CaptureTheFlagConfig",
+    "Checkpoints",
     "ConcatenateObservations",
     "ConstructionSites",
     "Curriculum",
@@ -112,6 +114,7 @@ __all__ = [
     "FloorAttributes",
     "Food",
     "FullConfig",
+    "GameConfig",
     "GrabConfig",
     "GrabObjects",
     "HideAndSeekConfig",

@@ -31,17 +31,19 @@ def world_of(state: State, world: int | None = None) -> State:
         if world is not None:
             raise ValueError(f"world: got {world}; the state is of a single world and takes None")
         return jax.device_get(state)
-    if isinstance(world, bool) or not isinstance(world, int | np.integer) or not -shape[0] <= world < shape[0]:
-        raise ValueError(f"world: got {world}; the state is a batch and takes an index below {shape[0]}")
-    return jax.device_get(_take(State(**{name: getattr(state, name) for name in _FIELDS}), world % shape[0]))
+    n = int(np.prod(shape))
+    if isinstance(world, bool) or not isinstance(world, int | np.integer) or not -n <= world < n:
+        raise ValueError(f"world: got {world}; the state is a batch and takes an index below {n}")
+    at = tuple(int(i) for i in np.unravel_index(world % n, shape))
+    return jax.device_get(_take(State(**{name: getattr(state, name) for name in _FIELDS}), at))
 
 
 _FIELDS = tuple(State.__dataclass_fields__)
 
 
 @jax.jit
-def _take(state: State, world: int) -> State:
-    return jax.tree.map(lambda x: x[world], state)
+def _take(state: State, at: tuple[int, ...]) -> State:
+    return jax.tree.map(lambda x: x[at], state)
 
 
 def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from zlib import crc32
 
 import jax
@@ -14,6 +15,28 @@ def named_key(key: jax.Array, name: str) -> jax.Array:
     return jax.random.fold_in(key, np.uint32(crc32(name.encode())))
 
 
-def draw_one(key: jax.Array, among: jax.Array) -> jax.Array:
-    """One of those for whom `among` (n, ...) bool is true, along the first axis: (...) int32; 0 if there is none."""
-    return jnp.where(among, jax.random.uniform(key, among.shape), -1.0).argmax(axis=0).astype(jnp.int32)
+def hashed(seed: jax.Array, index: jax.Array) -> jax.Array:
+    """32 random bits for every index: an integer hash (two rounds of xor-shift and multiply) of seed and index.
+
+    For draws of every step and every cell, which a threefry key for each would make dear.
+    """
+    x = (index.astype(jnp.uint32) * jnp.uint32(0x9E3779B9)) ^ seed
+    x = (x ^ (x >> 16)) * jnp.uint32(0x7FEB352D)
+    x = (x ^ (x >> 15)) * jnp.uint32(0x846CA68B)
+    return x ^ (x >> 16)
+
+
+def draw_one(key: jax.Array, step: jax.Array, among: jax.Array) -> jax.Array:
+    """One of those for whom `among` is true.
+
+    Args:
+        key: the world's key of this episode.
+        step: () int32; every step has a draw of its own.
+        among: (n, ...) bool, of which one is drawn along the first axis.
+
+    Returns:
+        (...) int32, all of `among` equally likely; 0 where it has none.
+    """
+    seed = hashed(functools.reduce(hashed, jax.random.key_data(key)), step)
+    bits = hashed(seed, jnp.arange(among.size)).reshape(among.shape)
+    return jnp.where(among, bits | 1, 0).argmax(axis=0).astype(jnp.int32)

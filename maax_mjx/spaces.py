@@ -59,5 +59,12 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) ->
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"action: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
-        if not is_traced(action[name]) and np.isnan(np.asarray(action[name])).any():
+        if not is_traced(action[name]) and any(np.isnan(part).any() for part in _on_host(action[name])):
             raise ValueError(f"action: {name!r} holds NaN; takes numbers in [-1, 1]")
+
+
+def _on_host(x: Any) -> list[np.ndarray]:
+    """An array on the host, or of one that spans several processes, the parts that are here."""
+    if isinstance(x, jax.Array) and not x.is_fully_addressable:
+        return [np.asarray(part.data) for part in x.addressable_shards]
+    return [np.asarray(x)]

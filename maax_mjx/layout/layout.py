@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from maax_mjx.keys import hashed
 from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.plan import RoomPlan
 
@@ -125,7 +126,7 @@ def _pick(seed: jax.Array, weights: jax.Array, free: jax.Array) -> tuple[jax.Arr
     The smallest score wins. Two minima of integers find it and its cell, in a tenth of the time of an argmin on a CPU.
     """
     cell = jnp.arange(weights.size, dtype=jnp.uint32).reshape(weights.shape)
-    draw = _hash(seed, cell)
+    draw = hashed(seed, cell)
     if weights.dtype != bool:
         # -log(u) / w is exponential with rate w: it is the smallest with probability w / sum(w). The bits of a float
         # that is not negative are in its order.
@@ -140,11 +141,3 @@ def _pick(seed: jax.Array, weights: jax.Array, free: jax.Array) -> tuple[jax.Arr
     # Behind a barrier, or the first minimum is computed again for every cell.
     best = jax.lax.optimization_barrier(score.min())
     return jnp.where(score == best, cell, none).min().astype(jnp.int32), best != none
-
-
-def _hash(seed: jax.Array, index: jax.Array) -> jax.Array:
-    """32 random bits for every index: an integer hash (two rounds of xor-shift and multiply) of seed and index."""
-    x = (index * jnp.uint32(0x9E3779B9)) ^ seed
-    x = (x ^ (x >> 16)) * jnp.uint32(0x7FEB352D)
-    x = (x ^ (x >> 15)) * jnp.uint32(0x846CA68B)
-    return x ^ (x >> 16)

@@ -1,5 +1,7 @@
-"""Many worlds at once."""
+"""Many worlds at once, on one device or many."""
 
-from maax_mjx.parallel.worlds import Worlds, WorldsState
+from maax_mjx.parallel.checkpoint import Checkpoints
+from maax_mjx.parallel.episodes import WorldsState
+from maax_mjx.parallel.worlds import Worlds
 
-__all__ = ["Worlds", "WorldsState"]
+__all__ = ["Checkpoints", "Worlds", "WorldsState"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections import defaultdict, deque
 from functools import partial
 from typing import Any
@@ -27,6 +28,7 @@ went astray: agents reach 10 and 10."""
 AGAIN = 8
 """Worlds that are stepped again together."""
 CG_ITERATIONS = 300
+THREADS_PER_DEVICE = 4
 Rows = dict[str, np.ndarray]
 """By name, (n_worlds, size)."""
 
@@ -60,6 +62,16 @@ class CEngine(Engine):
         self._careful_model.opt.solver = int(mujoco.mjtSolver.mjSOL_CG)
         self._careful_model.opt.iterations = CG_ITERATIONS
         self._careful: deque[_HostBatch] = deque()
+
+    def check_devices(self, n_devices: int) -> None:
+        # Callbacks of several devices at once take XLA's threads from each other, until none is left to go on.
+        threads = int(os.environ.get("NPROC") or os.cpu_count() or 1)
+        if n_devices > 1 and threads < THREADS_PER_DEVICE * n_devices:
+            raise ValueError(
+                f"devices: got {n_devices} with impl='c', which needs {THREADS_PER_DEVICE * n_devices} threads for "
+                f"them and has {threads}; takes one device, which uses all cores already, or "
+                f"NPROC={THREADS_PER_DEVICE * n_devices} in the environment before JAX starts"
+            )
 
     def carry(self, data: Data) -> jax.Array:
         return jnp.zeros(sum(getattr(data, name).size for name in ADVANCED))

@@ -42,6 +42,14 @@ class Engine(ABC):
         model.geom_contype[:] = model.geom_conaffinity[:] = 0
         return model
 
+    def check_devices(self, n_devices: int) -> None:
+        """Refuses more devices in this process than the engine can step on.
+
+        Raises:
+            ValueError: saying what to change.
+        """
+        return
+
     def init(self, world: World, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""
         data = self.pose(world, self.mjx.rest(qpos))

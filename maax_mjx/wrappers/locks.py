@@ -109,7 +109,7 @@ class LockObjects(Wrapper):
     def step(self, state: State, action: dict[str, Any]) -> State:
         wants = jnp.asarray(action["lock"]) > 0
         wants = wants if self.per_object else jnp.broadcast_to(wants[:, None], (len(wants), self.n_lockable))
-        locks = self._decide(state, wants, jax.random.fold_in(state.key, state.step))
+        locks = self._decide(state, wants)
         state = self.remember(state, locks)
         state = self._slots.hold(state, locks.locked, locks.pose, self.base.overlay)
         if self._slots.method == "joint_range":
@@ -118,13 +118,13 @@ class LockObjects(Wrapper):
         inner = {name: part for name, part in action.items() if name != "lock"}
         return self._observed(self.env.step(state, inner))
 
-    def _decide(self, state: State, wants: jax.Array, key: jax.Array) -> Locks:
+    def _decide(self, state: State, wants: jax.Array) -> Locks:
         locks: Locks = state.mechanics[self.name]
         _, near = self._reach(state)
         lock, unlock = lock_rule(self.lock_type, wants, near, locks.locked, locks.last_owner, self._team)
         kept = locks.locked & ~unlock
         new = lock & ~kept
-        drawn = draw_one(key, wants & near)
+        drawn = draw_one(state.key, state.step, wants & near)
         locked, last = kept | new, jnp.where(new, drawn, locks.last_owner)
         pose = jnp.where(new[:, None], self._slots.pose(state.data), locks.pose)
         return Locks(locked, jnp.where(locked, last, -1), last, pose)

@@ -59,27 +59,25 @@ class Tag(Wrapper):
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         state = self.env.reset(key, params)
-        key, draw = jax.random.split(state.key)
         none = jnp.full((), -1, jnp.int32)
         nothing = jnp.zeros((), jnp.int32)
-        tagged = Tagged(draw_one(draw, self.playing(state)), none, nothing, nothing)
-        return self._observed(self.remember(state.replace(key=key), tagged))
+        tagged = Tagged(draw_one(state.key, state.step, self.playing(state)), none, nothing, nothing)
+        return self._observed(self.remember(state, tagged))
 
     def step(self, state: State, action: Any) -> State:
         tagged: Tagged = state.mechanics[self.name]
         state = self.env.step(state, action)
-        key, draw = jax.random.split(state.key)
         players = jnp.arange(self.base.n_agents)
         safe = (players == tagged.safe) & (tagged.safe_for > 0)
         touched = state.mechanics[AgentAgentContactMask2D.name][tagged.it] & ~safe
         passed = touched.any()
         tagged = Tagged(
-            it=jnp.where(passed, draw_one(draw, touched), tagged.it),
+            it=jnp.where(passed, draw_one(state.key, state.step, touched), tagged.it),
             safe=jnp.where(passed, tagged.it, tagged.safe),
             safe_for=jnp.where(passed, self.immunity, jnp.maximum(tagged.safe_for - 1, 0)).astype(jnp.int32),
             tags=tagged.tags + passed,
         )
-        state = self.remember(state.replace(key=key), tagged)
+        state = self.remember(state, tagged)
         playing, is_it = self.playing(state), players == tagged.it
         share = 1 / jnp.maximum(playing.sum() - 1, 1)
         own = jnp.where(playing, jnp.where(is_it, -1.0, share), 0.0)

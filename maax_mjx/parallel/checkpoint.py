@@ -1,0 +1,149 @@
+"""Saved states of a run, on any number of devices, from which it continues bit for bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import orbax.checkpoint as ocp
+from jax.sharding import NamedSharding
+from jax.sharding import PartitionSpec as P
+
+from maax_mjx.checks import check_count, check_not_donated
+from maax_mjx.parallel.episodes import WorldsState
+from maax_mjx.parallel.shards import AXIS
+from maax_mjx.parallel.worlds import Worlds
+
+STATES = "states"
+
+
+class Checkpoints:
+    """A folder of saved states, the newest of which are kept (Orbax).
+
+    A save is complete or it is not there: a run that is killed continues from the last one. Worlds are saved in their
+    order, whatever devices they were on, and restored onto those of any other `Worlds` of as many worlds of the same
+    environment. With the same engine they continue bit for bit as if nothing had happened, but for `warp`, two runs of
+    which differ in the last bits anyway.
+
+    Args:
+        folder: where; it is made if it is not there.
+        keep: how many saves are kept.
+
+    Raises:
+        ValueError: an argument out of its range.
+    """
+
+    def __init__(self, folder: str | Path, keep: int = 2):
+        keep = check_count("keep", keep, minimum=1)
+        # Not in the background: on a CPU the next step would write into the memory that is being saved.
+        options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
+        self.folder = Path(folder).absolute()
+        self._manager = ocp.CheckpointManager(self.folder, options=options)
+
+    @property
+    def latest(self) -> int | None:
+        """The number of the newest save; None where there is none."""
+        return self._manager.latest_step()
+
+    def save(self, number: int, worlds: Worlds, states: WorldsState, **others: Any) -> None:
+        """Saves states, and whatever else belongs to the run.
+
+        Args:
+            number: of this save, such as the env steps taken so far; greater than all before.
+            worlds: what the states are of.
+            states: not donated yet.
+            others: trees of arrays, such as a network's parameters, an optimiser's state, a key's data.
+
+        Raises:
+            ValueError: a number that is not greater than the latest, or states spread by pmap over several processes.
+            RuntimeError: states that were donated.
+        """
+        latest = self.latest
+        if check_count("number", number) <= (-1 if latest is None else latest):
+            raise ValueError(f"number: got {number}; takes one greater than that of the latest save, {latest}")
+        if worlds.shards.method == "pmap" and jax.process_count() > 1:
+            raise ValueError("states: got those of pmap in several processes; takes method='shard_map' to save them")
+        check_not_donated(states.step)
+        flat = {name: worlds.flat(x) for name, x in _named(_keyless(states)).items()}
+        trees = {STATES: flat, **{name: _keyless(tree) for name, tree in others.items()}}
+        self._manager.save(number, args=ocp.args.Composite(**{k: ocp.args.StandardSave(v) for k, v in trees.items()}))
+
+    def restore(self, worlds: Worlds, number: int | None = None, **others: Any) -> tuple[WorldsState, dict[str, Any]]:
+        """Reads a save.
+
+        Args:
+            worlds: onto whose devices; of as many worlds of the same environment as was saved.
+            number: of which save; None is the latest.
+            others: for everything else that was saved and is wanted, a tree of the same shape, such as freshly
+                initialised parameters.
+
+        Returns:
+            The states, and a dict of the others.
+
+        Raises:
+            FileNotFoundError: there is no such save.
+            ValueError: a save of other worlds.
+        """
+        number = self.latest if number is None else number
+        if number is None or number not in self._manager.all_steps():
+            raise FileNotFoundError(f"number: got {number}; {self.folder} has {sorted(self._manager.all_steps())}")
+        like = worlds.states_shape
+        wanted = _named(jax.eval_shape(_keyless, like))
+        self._check_same(wanted, self._manager.item_metadata(number)[STATES])
+        spread = {name: _target(worlds, x) for name, x in wanted.items()}
+        trees = {STATES: spread, **{name: _keyless(tree) for name, tree in others.items()}}
+        args = ocp.args.Composite(**{name: ocp.args.StandardRestore(tree) for name, tree in trees.items()})
+        found = self._manager.restore(number, args=args)
+
+        def leaf(path: Any, x: Any) -> Any:
+            saved = found[STATES].get(_name(path))
+            if not isinstance(saved, jax.Array):
+                saved = worlds.shards.put(np.empty(x.shape, x.dtype) if saved is None else saved)
+            return _as_key(saved, x)
+
+        states = jax.tree.map_with_path(leaf, like)
+        return states, {name: jax.tree.map(_as_key, found[name], tree) for name, tree in others.items()}
+
+    def _check_same(self, wanted: dict[str, Any], saved: Any) -> None:
+        """Compares names and shapes."""
+        shapes = {name: tuple(x.shape) for name, x in saved.items()}
+        for name, x in wanted.items():
+            if shapes.get(name) != x.shape:
+                raise ValueError(
+                    f"worlds: {self.folder} has {name} of shape {shapes.get(name)}, these worlds {x.shape}; takes as "
+                    "many worlds of the same environment and engine as were saved"
+                )
+        if extra := sorted(set(shapes) - set(wanted)):
+            raise ValueError(f"worlds: {self.folder} has {', '.join(extra)} besides; takes the environment of the save")
+
+
+def _named(tree: Any) -> dict[str, Any]:
+    """Its leaves by their paths, without the empty ones, which Orbax does not take."""
+    return {_name(path): x for path, x in jax.tree.leaves_with_path(tree) if x.size}
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".")
+
+
+def _is_key(x: Any) -> bool:
+    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
+
+
+def _keyless(tree: Any) -> Any:
+    """Keys as their data."""
+    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
+
+
+def _as_key(x: Any, like: Any) -> Any:
+    return jax.random.wrap_key_data(jnp.asarray(x)) if _is_key(like) else x
+
+
+def _target(worlds: Worlds, x: Any) -> Any:
+    """Where a leaf is read to: onto the devices at once where they share an array, else to the host."""
+    if worlds.shards.method == "shard_map":
+        return jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=NamedSharding(worlds.shards.mesh, P(AXIS)))
+    return np.empty(x.shape, x.dtype)

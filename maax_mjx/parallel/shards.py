@@ -1,0 +1,135 @@
+"""How a batch of worlds is split over devices, and functions of its worlds compiled for that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import AxisType, Mesh, NamedSharding
+from jax.sharding import PartitionSpec as P
+
+from maax_mjx.checks import check_choice
+
+AXIS = "worlds"
+METHODS = ("jit", "pmap", "shard_map")
+Devices = int | str | Sequence[jax.Device] | None
+
+
+class Shards:
+    """The devices of a batch and the share of each.
+
+    Args:
+        n_worlds: of all devices, and of all processes where there are several.
+        devices: None is one device, JAX's default; a number takes as many of `jax.devices()`; "all" takes all of them,
+            those of other processes included; or a list of devices.
+        method: "jit" for one device, "pmap" or "shard_map" for any number; None is "jit" for one and "shard_map" for
+            several.
+
+    Attributes:
+        shape: the leading axes of the batch's arrays: (n_worlds,), or for pmap (n_devices, n_worlds / n_devices) with
+            this process's devices.
+
+    Raises:
+        ValueError: more devices than there are, devices of which not all processes have as many, a number of worlds
+            that they cannot share evenly, or several devices with "jit".
+    """
+
+    def __init__(self, n_worlds: int, devices: Devices = None, method: str | None = None):
+        self.n_worlds = n_worlds
+        self._default = devices is None
+        self.devices = _pick(devices)
+        n = len(self.devices)
+        self.method = check_choice("method", method or ("jit" if n == 1 else "shard_map"), METHODS)
+        if self.method == "jit" and n > 1:
+            raise ValueError(f"method: got 'jit' with {n} devices; takes 'shard_map' or 'pmap' there")
+        if n_worlds % n:
+            raise ValueError(f"n_worlds: got {n_worlds}; takes a multiple of the number of devices, {n}")
+        self.per_device = n_worlds // n
+        self.n_local = sum(d.process_index == jax.process_index() for d in self.devices)
+        self.shape = (self.n_local, self.per_device) if self.method == "pmap" else (n_worlds,)
+        if self.method == "shard_map":
+            self.mesh = Mesh(np.array(self.devices), (AXIS,), axis_types=(AxisType.Auto,))
+
+    def compile(
+        self,
+        function: Callable,
+        in_axes: tuple[int | None, ...],
+        out_axes: int | tuple[int, ...] = 0,
+        donate: tuple[int, ...] = (),
+    ) -> Callable:
+        """Compiles a function of a device's worlds into one of all worlds.
+
+        Args:
+            function: `(index, *args)`, where `index` (n,) int32 says which worlds the device has.
+            in_axes: of each of `args`: 0 where it has the worlds as its leading axis, None where all devices share it.
+            out_axes: the worlds' axis in each result.
+            donate: which of `args` give their memory away.
+        """
+        index = self.put(np.arange(self.n_worlds, dtype=np.int32))
+        donate = tuple(i + 1 for i in donate)
+        if self.method == "pmap":
+            devices = None if self.devices == tuple(jax.devices()) else self.devices
+            axes = (0, *in_axes)
+            mapped = jax.pmap(function, AXIS, in_axes=axes, out_axes=out_axes, devices=devices, donate_argnums=donate)
+        else:
+            if self.method == "shard_map":
+                specs = tuple(_spec(axis) for axis in (0, *in_axes))
+                outs = tuple(_spec(axis) for axis in out_axes) if isinstance(out_axes, tuple) else _spec(out_axes)
+                function = jax.shard_map(function, mesh=self.mesh, in_specs=specs, out_specs=outs, check_vma=False)
+            mapped = jax.jit(function, donate_argnums=donate)
+        return partial(mapped, index)
+
+    def put(self, tree: Any) -> Any:
+        """Host arrays with the leading axis (n_worlds,), the same in every process, as arrays of the batch."""
+        if self.method == "jit":
+            return jax.tree.map(lambda x: self.share(jnp.array(x)), tree)
+        if self.method == "shard_map":
+            sharding = NamedSharding(self.mesh, P(AXIS))
+            return jax.tree.map(lambda x: jax.make_array_from_callback(x.shape, sharding, x.__getitem__), tree)
+        mine = [i for i, d in enumerate(self.devices) if d.process_index == jax.process_index()]
+        return jax.tree.map(lambda x: x.reshape(len(self.devices), self.per_device, *x.shape[1:])[mine], tree)
+
+    def share(self, x: Any) -> Any:
+        """An array or key of the host, the same in every process, where all devices can read it."""
+        if self.method == "jit":
+            return x if self._default else jax.device_put(x, self.devices[0])
+        if self.method == "pmap" or jax.process_count() == 1:
+            return x
+        if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
+            return jax.random.wrap_key_data(self.share(jax.random.key_data(x)), impl=jax.random.key_impl(x))
+        host = np.asarray(x)
+        return jax.make_array_from_callback(host.shape, NamedSharding(self.mesh, P()), host.__getitem__)
+
+
+def _spec(axis: int | None) -> P:
+    return P() if axis is None else P(*[None] * axis, AXIS)
+
+
+def _pick(devices: Devices) -> tuple[jax.Device, ...]:
+    """The devices that the argument names."""
+    if devices is None:
+        # Not merely the first one: users choose another by `jax.default_device`.
+        return tuple(jnp.zeros(()).devices())
+    present = jax.devices()
+    if isinstance(devices, str):
+        check_choice("devices", devices, ["all"])
+        return tuple(present)
+    if isinstance(devices, bool) or (isinstance(devices, int) and not 1 <= devices <= len(present)):
+        raise ValueError(
+            f"devices: got {devices}; takes None, 'all', or a number from 1 to {len(present)}, as JAX has "
+            f"{len(present)} ({present[0].device_kind})"
+        )
+    chosen = tuple(present[:devices] if isinstance(devices, int) else devices)
+    if not chosen or not all(isinstance(d, jax.Device) for d in chosen) or len(set(chosen)) < len(chosen):
+        raise ValueError(f"devices: got {devices!r}; takes None, 'all', a number, or a list of different jax.Device")
+    shares = np.bincount([d.process_index for d in chosen], minlength=jax.process_count())
+    if len(chosen) > 1 and (shares != shares[0]).any():
+        raise ValueError(
+            f"devices: got {[int(n) for n in shares]} devices of the {len(shares)} processes; takes as many of each, "
+            "such as 'all'"
+        )
+    return chosen
