@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import jax
@@ -118,18 +118,17 @@ class Base(Environment):
         """The modules of what can move, if they hold anything."""
         return [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max and not m.static]
 
-    def movable(self, name: str) -> Entities:
-        """The module of that name.
+    def objects(self, names: Sequence[str]) -> list[Entities]:
+        """The modules of those names, whose objects can move.
 
         Raises:
-            ValueError: there is none, or its objects cannot move.
+            ValueError: one that there is not, whose objects cannot move, that is given twice, or the agents.
         """
-        check_choice(
-            "objects", name, [m.name for m in self._modules.values() if isinstance(m, Entities) and not m.static]
-        )
-        module = self._modules[name]
-        assert isinstance(module, Entities)
-        return module
+        there = {m.name: m for m in self._modules.values() if isinstance(m, Entities) and not m.static}
+        there.pop(Agents.name, None)
+        if isinstance(names, str) or len(set(names)) < len(names):
+            raise ValueError(f"objects: got {names!r}; takes a list of different names of {sorted(there)}")
+        return [there[check_choice("objects", name, there)] for name in names]
 
     @property
     def sites(self) -> dict[str, Sites]:

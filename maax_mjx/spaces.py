@@ -40,7 +40,9 @@ def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
 
 
 def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) -> None:
-    """Refuses an action of other names or shapes than the space's and, outside traced code, one with NaN.
+    """Refuses an action of other names, shapes or kinds than the space's.
+
+    Outside traced code it refuses NaN too, and bins and binaries out of their range.
 
     Args:
         space: the action space of one world.
@@ -59,8 +61,24 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) ->
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"action: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
-        if not is_traced(action[name]) and any(np.isnan(part).any() for part in _on_host(action[name])):
-            raise ValueError(f"action: {name!r} holds NaN; takes numbers in [-1, 1]")
+        whole = isinstance(sub, spaces.MultiDiscrete)
+        dtype = jnp.result_type(action[name])
+        if whole and not jnp.issubdtype(dtype, jnp.integer):
+            raise ValueError(f"action: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
+        for part in [] if is_traced(action[name]) else _on_host(action[name]):
+            if np.isnan(part).any():
+                raise ValueError(f"action: {name!r} holds NaN; takes {_takes(sub)}")
+            if not isinstance(sub, spaces.Box) and ((part < 0) | (part > _most(sub))).any():
+                raise ValueError(f"action: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
+
+
+def _most(space: spaces.Space) -> int:
+    """The greatest number of bins or binaries; all bins are of one size."""
+    return int(space.nvec.flat[0]) - 1 if isinstance(space, spaces.MultiDiscrete) else 1
+
+
+def _takes(space: spaces.Space) -> str:
+    return "numbers in [-1, 1]" if isinstance(space, spaces.Box) else f"whole numbers from 0 to {_most(space)}"
 
 
 def _on_host(x: Any) -> list[np.ndarray]:

@@ -265,9 +265,9 @@ BOTH = {
     "wall heights": {0.5, 4.0},
     "door cells": 2,
     "bins": 11,
-    "lock": ("team", REACH, False),  # all_lock_team_specific, not seen only; one choice for all in reach
+    "lock": ("team", REACH, True),  # all_lock_team_specific, seen only; one choice for all in reach
     "lock of agents": (4,),
-    "grab": (REACH, False, False),
+    "grab": (REACH, False, True),
     "grab of agents": (4,),
     "grabbed": ["boxes", "ramps"],
     "cone": 3 * np.pi / 4,
@@ -309,6 +309,7 @@ NUMBERS = {
             "n_rooms": (1, 4),
             "prob_outside_walls": (0.5, 0.5),
         },
+        "friction of wall": {1.0},  # the random walls of the published code are made without one
         "scenario": ["random"],
     },
 }
@@ -530,16 +531,19 @@ def test_where_things_start_in_the_full_game(played):
 def test_locks_and_holds_are_at_their_objects(name, played):
     """All want to lock and hold in the first step; only hiders may, as it is the preparation. Nothing is turned yet.
 
-    One hider stands beside a box, the other beside a ramp.
+    One hider stands beside a box and looks at it, the other beside a ramp. Nobody handles what it does not see.
     """
     env, actions, trail, (state, step) = played(name)
     start, n, agents = trail[0], BATCH[name], env.base.agents
     data, worlds = state.data, np.arange(n)
     for hider, module, of in ((0, "boxes", 2), (1, "ramps", env.base.modules["ramps"].n_max)):
         beside = centres(env, start, module)[worlds, worlds % of] + [0.45, 0]
-        ids, body = agents.qpos_ids[hider, :2], agents.body_ids[hider]
-        data = data.replace(qpos=data.qpos.at[:, ids].set(beside), xpos=data.xpos.at[:, body, :2].set(beside))
-    start = state.replace(data=data)
+        ids = agents.qpos_ids[hider, :2]
+        yaw = agents.qpos_ids[hider, 3]
+        data = data.replace(qpos=data.qpos.at[:, ids].set(beside).at[:, yaw].set(-np.pi / 2))
+    data = jax.jit(jax.vmap(env.base.engine.pose))(state.world, data)
+    looked = jax.jit(jax.vmap(find(env, maax.LineOfSight).look))(state.replace(data=data))
+    start = state.replace(data=data, mechanics=looked.mechanics)
     after = jax.device_get(step(start, actions[0]).obs)
     xy = centres(env, start, "agents")
     away = {}
@@ -549,7 +553,8 @@ def test_locks_and_holds_are_at_their_objects(name, played):
             half = start.world.extents["box"][..., :2] / 2
         gap = np.abs(xy[:, :, None] - centres(env, start, module)[:, None]) - half[:, None]
         distance = np.linalg.norm(np.maximum(gap, 0), axis=-1)
-        away[kind] = np.where(np.asarray(start.world.active[kind])[:, None], distance, np.inf)
+        seen = np.asarray(start.mechanics["line_of_sight"][f"sees_{module}"])
+        away[kind] = np.where(np.asarray(start.world.active[kind])[:, None] & seen, distance, np.inf)
     held = np.concatenate([away["box"], away["ramp"]], axis=2)[:, :2]
     nearest, reached = held.argmin(axis=2), held.min(axis=2) <= REACH
     assert reached.sum() > n
@@ -655,10 +660,14 @@ def test_split_observations(name, told):
 
 @pytest.mark.parametrize("name", GAMES)
 def test_flat_observations(name, told):
-    """All by name in one vector; what is not seen is zero, where there is vision; privileged are the others'."""
+    """All by name in one vector; what is not seen is zero, where there is vision.
+
+    Privileged are the others', with what they do not see.
+    """
     obs, got, active = told(name, "flat", observe="all" if name.startswith("hide") else "team")
-    vectors, n, hidden = [], len(obs["agent_mask"]), 0
+    vectors, whole, n, hidden = [], [], len(obs["agent_mask"]), 0
     for mine in split_oracle(name, obs):
+        whole.append(np.concatenate([np.float32(mine[key]).ravel() for key in sorted(mine)]))
         seen = {"box_obs": "sees_boxes", "ramp_obs": "sees_ramps", "agent_qpos_qvel": "sees_agents"}
         for key, mask in seen.items():
             if mask in mine:
@@ -671,7 +680,7 @@ def test_flat_observations(name, told):
     for i in range(n):
         others = [(i - j) % n for j in range(n)]
         shown = [active[j] and (name.startswith("hide") or team[j] == team[i]) for j in others]
-        want = [vectors[j] if show else 0 * vectors[j] for j, show in zip(others, shown, strict=True)]
+        want = [whole[j] if show else 0 * whole[j] for j, show in zip(others, shown, strict=True)]
         equal(got["privileged"][i], np.concatenate(want))
     assert set(got) == {"obs", "privileged"}
 

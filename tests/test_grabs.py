@@ -376,7 +376,7 @@ ERRORS = {
         "objects: got 'boxs'; takes one of ['agents', 'boxes', 'ramps'] (did you mean 'boxes'",
     ),
     "not movable": (lambda e: maax.GrabObjects(e, ["walls"]), "objects: got 'walls'; takes one of"),
-    "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], of which there are none; takes modules that hold"),
+    "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], of which there are none; takes others"),
     "none of them": (
         lambda e: maax.GrabObjects(maax.make("standard", impl="c", n_boxes=0), ["boxes"]),
         "objects: got ['boxes'], of which there are none",

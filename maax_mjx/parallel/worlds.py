@@ -80,7 +80,8 @@ class Worlds:
             key: a typed key; world i follows from it and i alone.
             params: ranges with leaves (2,), or (n_worlds, 2) for a range per world; None is the defaults.
             stagger: whether the first episodes end spread over the horizon rather than all at once, which keeps
-                training batches and their cost even.
+                training batches and their cost even. They begin as if so many steps had passed with the world at rest;
+                what agents observe before their first step is still an episode's first observation.
 
         Raises:
             ValueError: a raw uint32 key, or params beyond their bounds.

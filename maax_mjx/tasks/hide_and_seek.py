@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from maax_mjx.checks import check_bool
 from maax_mjx.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, Range, standard
@@ -101,11 +102,12 @@ class QuadrantConfig(HideAndSeekConfig):
     the worlds have one door, half two. 80 steps of 15 physics steps, the first 32 of them preparation; gravity -50;
     friction 0.2 of boxes and floor, 0.01 of everything else; forces up to 90 N and torques up to 90 Nm in 11 bins.
     Seeing counts, in a cone of 135 degrees; a team wins or loses together; who is outside [0.1, 5.9] loses 10, and all
-    do while an object is. Locking and grabbing within 0.25 m, each one choice for everything in reach.
+    do while an object is. Locking and grabbing within 0.25 m of what one sees, each one choice for everything in reach.
 
     What differs from the published code: placement outside the quadrant is uniform by area; distances and cones are
     from objects' centres (theirs: the corners); lidar reads at most its range; Newton takes up to 20 iterations.
-    Agents also observe doors, touches, who is in play, and holds.
+    Agents also observe doors, touches, who is in play, and holds; teams and what is left of the preparation are arrays
+    of their own, not columns of what is seen of others. The ray to a ramp goes to the centre of its box.
     """
 
     n_boxes: CountRange = 2
@@ -124,8 +126,8 @@ class QuadrantConfig(HideAndSeekConfig):
     by: str = "vision"
     rew_type: str = "team_zero_sum"
     cone: float | None = CONE
-    lock: LockConfig | None = LockConfig(objects=("boxes",), per_object=False)
-    grab: GrabConfig | None = GrabConfig()
+    lock: LockConfig | None = LockConfig(objects=("boxes",), per_object=False, in_vision_only=True)
+    grab: GrabConfig | None = GrabConfig(in_vision_only=True)
     lidar: LidarConfig | None = LidarConfig()
     rect: RectConfig | None = RectConfig()
     n_bins: int | None = 11
@@ -138,7 +140,8 @@ class FullConfig(QuadrantConfig):
 
     1 to 4 random rooms, outer walls in half of the worlds; 3 to 9 boxes, of which 3 to 9 elongated, and 2 ramps, all
     lockable; every team starts within 0.5 m of its first member. 240 steps, the first 96 of them preparation; the
-    penalty is for leaving a square of 18 m around the floor, and not for objects. The rest is as of `QuadrantConfig`.
+    penalty is for leaving a square of 18 m around the floor, and not for objects; walls have MuJoCo's friction, 1. The
+    rest is as of `QuadrantConfig`.
     The paper draws 1 to 3 agents of each team: `n_hiders=(1, 3), n_seekers=(1, 3)`; the published code has 2 and 2.
     """
 
@@ -152,8 +155,9 @@ class FullConfig(QuadrantConfig):
     p_door_dropout: Range = 0.0
     n_rooms: CountRange = (1, 4)
     prob_outside_walls: Range = 0.5
+    wall_friction: Range | None = None
     horizon: int = 240
-    lock: LockConfig | None = LockConfig(per_object=False)
+    lock: LockConfig | None = LockConfig(per_object=False, in_vision_only=True)
     rect: RectConfig | None = RectConfig((-6.0, -6.0, 12.0, 12.0), penalize_objects_out=False)
 
 
@@ -163,6 +167,7 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     Raises:
         ValueError: what the world and the wrappers refuse.
     """
+    check_bool("stats", config.stats)
     env: Environment = TeamMembership(standard(config))
     env = AgentAgentContactMask2D(env)
     if config.cone is not None:

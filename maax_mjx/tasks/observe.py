@@ -16,7 +16,6 @@ from maax_mjx.wrappers import (
     GrabObjects,
     LineOfSight,
     LockObjects,
-    MaskObservations,
     ObservationWrapper,
     SplitObservations,
     find,
@@ -67,10 +66,8 @@ def observed_by_agents(
         env = _HandledObjects(env)
     if observations == "split":
         return env
-    if sees:
-        hidden = {f"{kind}_obs": mask for kind, mask in sees.items() if f"{kind}_obs" in observed}
-        env = MaskObservations(env, hidden | {"agent_qpos_qvel": "sees_agents"})
-    return FlattenObservations(env, observe)
+    hidden = {f"{kind}_obs": mask for kind, mask in sees.items() if f"{kind}_obs" in observed}
+    return FlattenObservations(env, observe, hidden | ({"agent_qpos_qvel": "sees_agents"} if sees else {}))
 
 
 class _HandledObjects(ObservationWrapper):

@@ -5,10 +5,11 @@ from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.flags import CaptureTheFlag
 from maax_mjx.wrappers.grabs import GrabObjects
 from maax_mjx.wrappers.locks import LockObjects
-from maax_mjx.wrappers.masks import MaskActions, MaskObservations, MaskUnseenAction
+from maax_mjx.wrappers.masks import MaskActions, MaskUnseenAction
 from maax_mjx.wrappers.observations import (
     ConcatenateObservations,
     FlattenObservations,
+    MaskObservations,
     SelectObservations,
     SplitObservations,
     SpoofEntities,

@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from maax_mjx.checks import check_count
 from maax_mjx.env import Environment
+from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 from maax_mjx.wrappers.wrapper import ActionWrapper
 
@@ -23,7 +24,8 @@ def to_bins(forces: Any, n_bins: int) -> Any:
 class DiscretizeActions(ActionWrapper):
     """Takes `action["move"]` as bins (n_agents, 3) int: 0 is full force backwards, the last full force forwards.
 
-    Bins are spread evenly over [-1, 1]; an odd number has rest in its middle. Bins beyond the last count as the last.
+    Bins are spread evenly over [-1, 1]; an odd number has rest in its middle. In compiled code, where values cannot be
+    looked at, bins beyond the last count as the last.
 
     Args:
         env: what to wrap.
@@ -46,5 +48,6 @@ class DiscretizeActions(ActionWrapper):
         return spaces.Dict({**inner, "move": spaces.MultiDiscrete(np.full(inner["move"].shape or (), self.n_bins))})
 
     def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
+        check_action(self.action_space, action)
         bins = jnp.clip(jnp.asarray(action["move"]), 0, self.n_bins - 1).astype(jnp.int32)
         return {**action, "move": jnp.asarray(self._forces)[bins]}

@@ -14,6 +14,8 @@ from maax_mjx.modules import Flags
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.rewards import RestrictAgentsRect
 from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import Wrapper
 
@@ -64,6 +66,7 @@ class CaptureTheFlag(Wrapper):
 
     name = "capture_the_flag"
     requires = (TeamMembership, AgentAgentContactMask2D)
+    precedes = (PreparationPhase, RestrictAgentsRect)
 
     def __init__(self, env: Environment, reach: float = 0.4, wins_at: int = 3, scale: float = 1.0):
         super().__init__(env)

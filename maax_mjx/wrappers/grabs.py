@@ -13,6 +13,7 @@ from gymnasium import spaces
 from maax_mjx.checks import check_bool, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
+from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 from maax_mjx.wrappers.grab_rules import NOTHING, grab_rule
 from maax_mjx.wrappers.grab_slots import GrabSlots
@@ -85,6 +86,7 @@ class GrabObjects(Wrapper):
         return self._observed(self.remember(self.env.reset(key, params), grabs))
 
     def step(self, state: State, action: dict[str, Any]) -> State:
+        check_action(self.action_space, action)
         wants = jnp.asarray(action["grab"]) > 0
         wants = wants if self.selective else wants[:, None]
         old: Grabs = state.mechanics[self.name]

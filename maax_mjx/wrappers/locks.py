@@ -14,6 +14,7 @@ from maax_mjx.checks import check_bool, check_choice, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.keys import draw_one
 from maax_mjx.params import DomainParams
+from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 from maax_mjx.wrappers.lock_rules import LOCK_TYPES, lock_rule
 from maax_mjx.wrappers.lock_slots import METHODS, LockSlots
@@ -107,6 +108,7 @@ class LockObjects(Wrapper):
         return self._observed(self.remember(self.env.reset(key, params), locks))
 
     def step(self, state: State, action: dict[str, Any]) -> State:
+        check_action(self.action_space, action)
         wants = jnp.asarray(action["lock"]) > 0
         wants = wants if self.per_object else jnp.broadcast_to(wants[:, None], (len(wants), self.n_lockable))
         locks = self._decide(state, wants)

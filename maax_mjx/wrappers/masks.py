@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -14,7 +14,7 @@ from maax_mjx.state import State
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.senses import LineOfSight
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
-from maax_mjx.wrappers.wrapper import ActionWrapper, ObservationWrapper, null_rows, shown
+from maax_mjx.wrappers.wrapper import ActionWrapper, null_rows, shown
 
 Mask = Callable[[State], jax.Array]
 
@@ -46,6 +46,8 @@ class MaskActions(ActionWrapper):
 
     def _seen(self, names: Sequence[str]) -> Mask:
         sight = self.inner(LineOfSight)
+        if isinstance(names, str):
+            raise ValueError(f"mask: got {names!r}; takes a function, or a list of names of {list(sight.senses)}")
         names = [check_choice("mask", name, sight.senses) for name in names]
         return lambda state: sight.seen(state, names)
 
@@ -81,32 +83,3 @@ class MaskUnseenAction(ActionWrapper):
         seen = (sees & self._seekers[:, None] & self._hiders).any()
         part = {self.masked: jnp.asarray(action[self.masked])}
         return {**action, **null_rows(part, seen & self._team)}
-
-
-class MaskObservations(ObservationWrapper):
-    """Hides what an agent does not see: zeros instead, as for what is not in play.
-
-    For policies without attention, which can make no use of masks.
-
-    Args:
-        env: what to wrap; its observations are split.
-        masks: by observation (n_agents, k, ...), the mask (n_agents, k) of what is shown, such as
-            `{"box_obs": "sees_boxes"}`. Masks stay.
-
-    Raises:
-        ValueError: a name that is not observed, or shapes that do not fit.
-    """
-
-    def __init__(self, env: Environment, masks: Mapping[str, str]):
-        super().__init__(env)
-        self.masks = dict(masks)
-        observed = env.observation_space.spaces
-        for key, mask in self.masks.items():
-            for name in (key, mask):
-                check_choice("masks", name, observed)
-            shape, takes = observed[mask].shape or (), (observed[key].shape or ())[:2]
-            if shape != takes:
-                raise ValueError(f"masks: {mask!r} has shape {shape}; takes {takes} for {key!r}")
-
-    def observation(self, state: State) -> dict[str, jax.Array]:
-        return state.obs | {key: shown(state.obs[key], state.obs[mask] > 0) for key, mask in self.masks.items()}

@@ -12,7 +12,7 @@ from maax_mjx.checks import check_choice, check_count
 from maax_mjx.env import Environment
 from maax_mjx.state import State
 from maax_mjx.wrappers.teams import TeamMembership
-from maax_mjx.wrappers.wrapper import ObservationWrapper
+from maax_mjx.wrappers.wrapper import ObservationWrapper, shown
 
 
 class SplitObservations(ObservationWrapper):
@@ -138,6 +138,8 @@ class ConcatenateObservations(ObservationWrapper):
         self.joined = {name: tuple(parts) for name, parts in joined.items()}
         for name, parts in self.joined.items():
             _check_names(env.observation_space.spaces, parts)
+            if name in env.observation_space.spaces and name not in parts:
+                raise ValueError(f"joined: got {name!r}, which is observed already; takes another name")
             shapes = [env.observation_space[part].shape or () for part in parts]
             if not parts or len({shape[:-1] for shape in shapes}) > 1:
                 raise ValueError(f"{name}: got parts of shapes {shapes}; takes equal ones but for the last axis")
@@ -151,26 +153,57 @@ class ConcatenateObservations(ObservationWrapper):
         return kept | whole
 
 
+class MaskObservations(ObservationWrapper):
+    """Hides what an agent does not see: zeros instead, as for what is not in play.
+
+    For policies without attention, which can make no use of masks.
+
+    Args:
+        env: what to wrap; its observations are split.
+        masks: by observation (n_agents, k, ...), the mask (n_agents, k) of what is shown, such as
+            `{"box_obs": "sees_boxes"}`. Masks stay.
+
+    Raises:
+        ValueError: a name that is not observed, or shapes that do not fit.
+    """
+
+    def __init__(self, env: Environment, masks: Mapping[str, str]):
+        super().__init__(env)
+        self.masks = _checked_masks(env, masks)
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        return _masked(state.obs, self.masks)
+
+
 class FlattenObservations(ObservationWrapper):
     """One vector for every agent: `obs` (n_agents, d), of all observations by name in order, flat, as float32.
 
     For a central critic, `privileged` (n_agents, n_agents * d) is the vectors of oneself and of others, in the
-    circulant order of `SplitObservations`; zeros stand for those who are not in play or not in one's team.
+    circulant order of `SplitObservations`, with what `masks` hide in `obs`; zeros stand for those who are not in play
+    or not in one's team.
 
     Args:
         env: what to wrap; its observations are split, so that all have the agents' axis first.
         observe: "self" (no privileged observation), "team" or "all": whose observations are privileged.
+        masks: what `obs` alone hides: see `MaskObservations`.
 
     Raises:
-        ValueError: they are not split; an unknown `observe`, or "team" without `TeamMembership`.
+        ValueError: they are not split; an unknown `observe`, or "team" without `TeamMembership`; masks that do not fit.
     """
 
     requires = (SplitObservations,)
 
-    def __init__(self, env: Environment, observe: str = "self"):
+    def __init__(self, env: Environment, observe: str = "self", masks: Mapping[str, str] | None = None):
         super().__init__(env)
         self.observe = check_choice("observe", observe, ("self", "team", "all"))
+        self.masks = _checked_masks(env, masks or {})
         n = self.base.n_agents
+        for key, space in env.observation_space.spaces.items():
+            if (space.shape or (0,))[0] != n:
+                raise ValueError(
+                    f"FlattenObservations: {key!r} has shape {space.shape}; takes ({n}, ...) with the agents' axis "
+                    "first: add it inside SplitObservations, or leave it out with SelectObservations"
+                )
         self._order = (np.arange(n)[:, None] - np.arange(n)) % n
         self._shown = np.ones((n, n), bool)
         if observe == "team":
@@ -178,13 +211,33 @@ class FlattenObservations(ObservationWrapper):
             self._shown = team[self._order] == team[:, None]
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        n = self.base.n_agents
-        flat = [state.obs[key].reshape(n, -1).astype(jnp.float32) for key in sorted(state.obs)]
-        obs = {"obs": jnp.concatenate(flat, axis=1)}
+        obs = {"obs": _flat(_masked(state.obs, self.masks))}
         if self.observe != "self":
-            shown = self._shown & self.playing(state)[self._order]
-            obs["privileged"] = jnp.where(shown[..., None], obs["obs"][self._order], 0.0).reshape(n, -1)
+            shown_to = self._shown & self.playing(state)[self._order]
+            privileged = jnp.where(shown_to[..., None], _flat(state.obs)[self._order], 0.0)
+            obs["privileged"] = privileged.reshape(self.base.n_agents, -1)
         return obs
+
+
+def _flat(obs: Mapping[str, jax.Array]) -> jax.Array:
+    """(n_agents, d), by name in order."""
+    return jnp.concatenate([obs[key].reshape(len(obs[key]), -1).astype(jnp.float32) for key in sorted(obs)], axis=1)
+
+
+def _masked(obs: Mapping[str, jax.Array], masks: Mapping[str, str]) -> dict[str, jax.Array]:
+    return {**obs} | {key: shown(obs[key], obs[mask] > 0) for key, mask in masks.items()}
+
+
+def _checked_masks(env: Environment, masks: Mapping[str, str]) -> dict[str, str]:
+    """Masks by observation, where both are observed and fit each other."""
+    observed = env.observation_space.spaces
+    for key, mask in masks.items():
+        for name in (key, mask):
+            check_choice("masks", name, observed)
+        shape, takes = observed[mask].shape or (), (observed[key].shape or ())[:2]
+        if shape != takes:
+            raise ValueError(f"masks: {mask!r} has shape {shape}; takes {takes} for {key!r}")
+    return dict(masks)
 
 
 def _check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:

@@ -35,10 +35,12 @@ class Reach:
 
     def __init__(self, wrapper: Wrapper, objects: Sequence[str], radius: float, in_vision_only: bool):
         self._base = wrapper.base
-        self.modules: list[Entities] = [self._base.movable(name) for name in objects]
+        self.modules = self._base.objects(objects)
         self.n = sum(module.n_max for module in self.modules)
         if not self.n:
-            raise ValueError(f"objects: got {list(objects)}, of which there are none; takes modules that hold some")
+            raise ValueError(
+                f"objects: got {list(objects)}, of which there are none; takes others, or leave the mechanic out"
+            )
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None
         held = [m for m in self.modules if m.n_max]

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_choice, check_positive
+from maax_mjx.checks import check_bool, check_choice, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.modules import Entities
 from maax_mjx.state import State
@@ -19,6 +19,53 @@ from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import RewardWrapper
 
 REW_TYPES = ("selfish", "team_mean", "team_zero_sum")
+
+
+class RestrictAgentsRect(RewardWrapper):
+    """Gives agents outside a rectangle a penalty instead of their reward (OpenAI's RestrictAgentsRect).
+
+    Args:
+        env: what to wrap.
+        rect: x0, y0, x1, y1 in metres; it may be larger than the floor, and must not be beside it.
+        penalty: what is taken, a positive number.
+        penalize_objects_out: whether every agent gets the penalty while a box or a ramp is outside.
+
+    Raises:
+        ValueError: a rectangle without an inside or beside the floor, or a penalty that is not positive.
+    """
+
+    name = "restrict_agents_rect"
+    precedes = (PreparationPhase,)
+
+    def __init__(
+        self,
+        env: Environment,
+        rect: Sequence[float],
+        penalty: float = 10.0,
+        penalize_objects_out: bool = False,
+    ):
+        super().__init__(env)
+        corners = np.asarray(rect, float)
+        if corners.shape != (4,) or not np.isfinite(corners).all() or not (corners[:2] < corners[2:]).all():
+            raise ValueError(f"rect: got {rect!r}; takes x0, y0, x1, y1 in metres with x0 < x1 and y0 < y1")
+        floor = self.base.floor_size
+        if (corners[:2] >= floor).any() or (corners[2:] <= 0).any():
+            raise ValueError(f"rect: got {rect!r}; takes one that meets the floor, 0 to {floor:g} metres")
+        self.rect, self.penalty = corners, check_positive("penalty", penalty)
+        self.penalize_objects_out = check_bool("penalize_objects_out", penalize_objects_out)
+
+    def reward(self, state: State) -> jax.Array:
+        penalised = self._outside(state, self.base.agents)
+        if self.penalize_objects_out:
+            objects = [m for m in self.base.movables if m is not self.base.agents]
+            out = jnp.stack([self._outside(state, module).any() for module in objects]).any() if objects else False
+            penalised = penalised | (out & self.playing(state))
+        return jnp.where(penalised, -self.penalty, state.reward)
+
+    def _outside(self, state: State, module: Entities) -> jax.Array:
+        xy = state.data.qpos[module.qpos_ids[:, :2]]
+        out = ((xy < self.rect[:2]) | (xy > self.rect[2:])).any(axis=1)
+        return out & state.world.active[module.kind]
 
 
 class HideAndSeekReward(RewardWrapper):
@@ -40,7 +87,7 @@ class HideAndSeekReward(RewardWrapper):
 
     name = "hide_and_seek_reward"
     requires = (TeamMembership,)
-    precedes = (PreparationPhase,)
+    precedes = (PreparationPhase, RestrictAgentsRect)
 
     def __init__(self, env: Environment, rew_type: str = "selfish", by: str = "contact", scale: float = 1.0):
         super().__init__(env)
@@ -70,50 +117,6 @@ class HideAndSeekReward(RewardWrapper):
         if self.by == "contact":
             return state.mechanics[AgentAgentContactMask2D.name]
         return state.mechanics[LineOfSight.name]["sees_agents"]
-
-
-class RestrictAgentsRect(RewardWrapper):
-    """Gives agents outside a rectangle a penalty instead of their reward (OpenAI's RestrictAgentsRect).
-
-    Args:
-        env: what to wrap.
-        rect: x0, y0, x1, y1 in metres; it may be larger than the floor.
-        penalty: what is taken, a positive number.
-        penalize_objects_out: whether every agent gets the penalty while a box or a ramp is outside.
-
-    Raises:
-        ValueError: a rectangle without an inside, or a penalty that is not positive.
-    """
-
-    name = "restrict_agents_rect"
-    precedes = (PreparationPhase,)
-
-    def __init__(
-        self,
-        env: Environment,
-        rect: Sequence[float],
-        penalty: float = 10.0,
-        penalize_objects_out: bool = False,
-    ):
-        super().__init__(env)
-        corners = np.asarray(rect, float)
-        if corners.shape != (4,) or not np.isfinite(corners).all() or not (corners[:2] < corners[2:]).all():
-            raise ValueError(f"rect: got {rect!r}; takes x0, y0, x1, y1 in metres with x0 < x1 and y0 < y1")
-        self.rect, self.penalty = corners, check_positive("penalty", penalty)
-        self.penalize_objects_out = penalize_objects_out
-
-    def reward(self, state: State) -> jax.Array:
-        penalised = self._outside(state, self.base.agents)
-        if self.penalize_objects_out:
-            objects = [m for m in self.base.movables if m is not self.base.agents]
-            out = jnp.stack([self._outside(state, module).any() for module in objects]).any() if objects else False
-            penalised = penalised | (out & self.playing(state))
-        return jnp.where(penalised, -self.penalty, state.reward)
-
-    def _outside(self, state: State, module: Entities) -> jax.Array:
-        xy = state.data.qpos[module.qpos_ids[:, :2]]
-        out = ((xy < self.rect[:2]) | (xy > self.rect[2:])).any(axis=1)
-        return out & state.world.active[module.kind]
 
 
 def _mean(values: jax.Array, of: jax.Array) -> jax.Array:

@@ -56,7 +56,7 @@ class LineOfSight(_Senses):
         if check_positive("cone", cone) > 2 * np.pi:
             raise ValueError(f"cone: got {cone!r}; takes an angle in radians, up to 2 pi")
         self.half_cone = cone / 2
-        modules = [self.base.agents, *(self.base.movable(name) for name in objects)]
+        modules = [self.base.agents, *self.base.objects(objects)]
         self.modules = [module for module in modules if module.n_max]
 
     @property

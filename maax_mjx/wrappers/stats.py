@@ -51,6 +51,7 @@ class TrackStats(StateWrapper):
     """
 
     name = "stats"
+    follows = (AgentAgentContactMask2D, LockObjects, PreparationPhase, TeamMembership)
 
     def __init__(self, env: Environment):
         super().__init__(env)

@@ -14,6 +14,8 @@ from maax_mjx.keys import draw_one
 from maax_mjx.params import DomainParams
 from maax_mjx.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.rewards import RestrictAgentsRect
 from maax_mjx.wrappers.wrapper import Wrapper
 
 
@@ -51,6 +53,7 @@ class Tag(Wrapper):
 
     name = "tag"
     requires = (AgentAgentContactMask2D,)
+    precedes = (PreparationPhase, RestrictAgentsRect)
 
     def __init__(self, env: Environment, immunity: int = 50, scale: float = 1.0):
         super().__init__(env)

@@ -38,6 +38,8 @@ class Wrapper(Environment):
     """Wrappers that must be inside this one."""
     precedes: ClassVar[tuple[type[Wrapper], ...]] = ()
     """Wrappers that must be outside this one, where there are any."""
+    follows: ClassVar[tuple[type[Wrapper], ...]] = ()
+    """Wrappers that must be inside this one, where there are any: `precedes`, said from the other side."""
 
     def __init__(self, env: Environment):
         if not isinstance(env, Environment):
@@ -46,9 +48,12 @@ class Wrapper(Environment):
         mine = type(self).__name__
         for kind in self.requires:
             self.inner(kind)
-        for kind in self.precedes:
-            if find(env, kind) is not None:
-                raise ValueError(f"{mine}: env has {kind.__name__} already; wrap with {mine} before it")
+        for layer in layers(env):
+            if isinstance(layer, self.precedes) or isinstance(self, layer.follows):
+                other = type(layer).__name__
+                raise ValueError(
+                    f"{mine}: env has {other} already; wrap with {mine} before it: {other}({mine}(env, ...))"
+                )
         if self.name and any(layer.name == self.name for layer in layers(env)):
             raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")
 
