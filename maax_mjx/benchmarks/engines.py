@@ -2,9 +2,9 @@
 
 The file is one exported world of M, loaded by plain MuJoCo: nothing of this package is in the way. All worlds of a
 batch start from it alike, and every world has forces of its own. `c` is plain MuJoCo on all cores, whatever JAX
-computes on. `brax` is Brax's generalized pipeline (`pip install "maax_mjx[brax]"`), on the file as `for_brax` says, with exact inverses of
-the mass matrix; `brax-approximate` has the approximate ones that are Brax's default, with which it takes damping
-explicitly, too much for M's agents.
+computes on. `brax` is Brax's generalized pipeline (`pip install "maax_mjx[brax]"`), on the file as `for_brax` says,
+with exact inverses of the mass matrix; `brax-approximate` has the approximate ones that are Brax's default, with which
+it takes damping explicitly, too much for M's agents.
 """
 
 from __future__ import annotations
