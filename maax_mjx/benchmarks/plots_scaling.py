@@ -44,7 +44,7 @@ def scaling(figure: Figure, rows: list[Row]) -> None:
     for impl, (left, right) in zip(impls, panels(figure, len(impls), 2), strict=True):
         picked = sorted((row for row in rows if row["impl"] == impl), key=lambda row: row["worlds"])
         times = [row | {"shown_s": row["seconds"] * SHOWN / row["steps"]} for row in picked]
-        _batches(left, curves(times, name, "worlds", "shown_s"), f"time of {SHOWN:,} steps (s)")
+        _batches(left, curves(times, name, "worlds", "shown_s"), f"time per {SHOWN:,} steps (s)")
         _batches(right, curves(picked, name, "worlds", "steps_per_s"), "steps per second, all worlds")
         dashed(left, {k: [(n, n * SHOWN / y) for n, y in zip(BATCHES, v, strict=True)] for k, v in THESIS.items()})
         dashed(right, {k: list(zip(BATCHES, v, strict=True)) for k, v in THESIS.items()})
@@ -97,7 +97,7 @@ def objects(figure: Figure, rows: list[Row]) -> None:
             picked = [row for row in rows if (row["impl"], row["sweep"]) == (impl, sweep)]
             picked.sort(key=lambda row: row[x])
             picked = [row | {"shown_s": row["seconds"] * SHOWN / row["steps"]} for row in picked]
-            label = f"time of {SHOWN:,} steps (s)"
+            label = f"time per {SHOWN:,} steps (s)"
             if sweep == "floor":
                 parts = {
                     "shown_s": label,
@@ -148,5 +148,4 @@ def _lengths(rows: list[Row]) -> str:
     ordered = sorted(most.items(), key=lambda item: item[1])
     if len(ordered) == 1:
         return f"T = {ordered[0][0]:,}"
-    named = (f"T = {steps:,} up to {worlds:,} worlds" for steps, worlds in ordered)
-    return f"{', '.join(named)}; times for {SHOWN:,}"
+    return ", ".join(f"T = {steps:,} up to {worlds:,} worlds" for steps, worlds in ordered)
