@@ -19,7 +19,7 @@ import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import plots, record
+from maax_mjx.benchmarks import record
 from maax_mjx.checks import check_count, check_positive
 from maax_mjx.physics import check_impl
 
@@ -163,6 +163,8 @@ def main(config: Config) -> None:
             )
             record.write(config.out, config, rows)
     if config.out and rows:
+        from maax_mjx.benchmarks import plots  # Needs Matplotlib, which what measures loads in `objects` need not have.
+
         plots.draw(config.out, plots.load)
 
 

@@ -76,7 +76,22 @@ def load(figure: Figure, rows: list[Row]) -> None:
     legend(figure)
 
 
-FIGURES: dict[str, Fill] = {"sampling": sampling, "load": load}
+def later(name: str) -> Fill:
+    """A figure of `plots_scaling`, which is imported when it is drawn, since it imports this module."""
+
+    def fill(figure: Figure, rows: list[Row]) -> None:
+        from maax_mjx.benchmarks import plots_scaling
+
+        getattr(plots_scaling, name)(figure, rows)
+
+    return fill
+
+
+FIGURES: dict[str, Fill] = {
+    "sampling": sampling,
+    "load": load,
+    **{name: later(name) for name in ("scaling", "engines", "objects")},
+}
 """By the beginning of the files' names, up to the first underscore."""
 
 

@@ -5,14 +5,19 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Sequence
-from dataclasses import asdict
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, fields
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
+from tqdm import tqdm
+
+Case = TypeVar("Case")
+R = TypeVar("R")
 
 PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "warp-lang", "flax", "numpy")
 
@@ -34,7 +39,52 @@ def write(path: Path | None, config: Any, rows: Sequence[Any]) -> None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     record = {"conditions": conditions(), "config": str(config), "rows": [asdict(row) for row in rows]}
-    path.write_text(json.dumps(record, indent=1) + "\n")
+    # Whole or not at all, wherever a run is killed.
+    unfinished = path.with_suffix(".unfinished")
+    unfinished.write_text(json.dumps(record, indent=1) + "\n")
+    unfinished.replace(path)
+
+
+def resume(path: Path | None, row: type[R]) -> list[R]:
+    """The rows that an earlier run left in its file, to go on from; none where there is no file.
+
+    Raises:
+        ValueError: a file of another benchmark, or one that was measured on other devices or versions.
+    """
+    if path is None or not path.exists():
+        return []
+    record = json.loads(path.read_text())
+    now = json.loads(json.dumps(conditions()))
+    for name in ("devices", "cpus", "packages"):
+        if record["conditions"][name] != now[name]:
+            raise ValueError(
+                f"out: got {path} with {name} {record['conditions'][name]}; here they are {now[name]}: takes a new file"
+            )
+    try:
+        return [row(**values) for values in record["rows"]]
+    except TypeError as error:
+        raise ValueError(f"out: got {path}; takes a file with rows of this benchmark ({error})") from error
+
+
+def remaining(cases: Iterable[Case], rows: Sequence[Any], max_minutes: float | None) -> Iterator[Case]:
+    """The cases of which no row is there yet, with progress, until the minutes are over.
+
+    Args:
+        cases: dataclasses; a row is of a case if it has its values in all fields of the case.
+        rows: as `resume` gives them.
+        max_minutes: no case is begun later than this.
+    """
+    begun = time.monotonic()
+    todo = [case for case in cases if not any(_is_of(row, case) for row in rows)]
+    for i, case in enumerate(tqdm(todo, unit="row", leave=False)):
+        if max_minutes is not None and time.monotonic() - begun > 60 * max_minutes:
+            tqdm.write(f"stopped after {max_minutes:g} minutes with {len(todo) - i} rows to go; run again to go on")
+            return
+        yield case
+
+
+def _is_of(row: Any, case: Any) -> bool:
+    return all(getattr(row, field.name) == getattr(case, field.name) for field in fields(case))
 
 
 def _version(name: str) -> str | None:

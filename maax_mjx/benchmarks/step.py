@@ -29,6 +29,7 @@ from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
 from maax_mjx.env import Environment
 from maax_mjx.parallel import WorldsState
+from maax_mjx.physics import Data, Fields
 from maax_mjx.physics.c_engine import CEngine
 from maax_mjx.physics.engine import MjxEngine
 from maax_mjx.wrappers.actions import to_bins
@@ -107,11 +108,16 @@ def draw_actions(env: Environment, n_worlds: int, held: int) -> Actions:
         if name != "move":
             actions[name] = rng.integers(0, 2, shape, np.int8)
             continue
-        forces = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
-        actions["forces"] = actions["move"] = forces.astype(np.float32)
+        actions["forces"] = actions["move"] = forces = draw_forces(rng, shape, held)
         if isinstance(space, spaces.MultiDiscrete):
             actions["move"] = to_bins(forces, int(space.nvec.flat[0]))
     return jax.tree.map(jnp.asarray, actions)
+
+
+def draw_forces(rng: np.random.Generator, shape: tuple[int, ...], held: int) -> np.ndarray:
+    """Full-range forces: bang-bang where they are held, uniform where redrawn."""
+    forces = rng.choice([-1.0, 1.0], shape) if held > 1 else rng.uniform(-1, 1, shape)
+    return forces.astype(np.float32)
 
 
 def at(actions: Actions, i: jax.Array, held: int) -> Actions:
@@ -141,23 +147,29 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     engine = env.engine
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
-        return lambda states: _c_batch(env, engine, states), lambda *args: _roll_c(env, ids, *args)
+        return lambda states: _c_batch(env, engine, states), c_roll(ids, env.n_frames)
     if not isinstance(engine, MjxEngine):
         raise ValueError(f"impl: got {engine.impl!r}; takes c, jax or warp")
+    start, roll = mjx_roll(engine, ids, env.n_frames)
+    return lambda states: start(states.world.fields, states.data), roll
 
-    def start(states: WorldsState) -> tuple[Any, mjx.Data]:
-        n_worlds = states.step.shape[0]
-        return states.world.fields, jax.vmap(lambda data: engine.mjx_data(data, n_worlds))(states.data)
 
-    def roll(carry: tuple[Any, mjx.Data], actions: Actions, steps: jax.Array, held: int) -> tuple[Any, mjx.Data]:
+def mjx_roll(engine: MjxEngine, ids: np.ndarray, n_frames: int = 1) -> tuple[Callable[[Fields, Data], Any], Roll]:
+    """`mjx.step` of a batch, its forces written to the controls `ids`; and what it starts from."""
+
+    def start(fields: Fields, states: Data) -> tuple[Fields, mjx.Data]:
+        n_worlds = states.time.shape[0]
+        return fields, jax.vmap(lambda data: engine.mjx_data(data, n_worlds))(states)
+
+    def roll(carry: tuple[Fields, mjx.Data], actions: Actions, steps: jax.Array, held: int) -> tuple[Fields, mjx.Data]:
         fields, data = carry
 
         def frame(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
-            forces = at(actions, i // env.n_frames, held)["forces"]
+            forces = at(actions, i // n_frames, held)["forces"]
             data = data.replace(ctrl=data.ctrl.at[:, ids].set(forces.reshape(len(forces), -1)))
             return jax.vmap(lambda f, d: mjx.step(engine.mjx_model(f), d))(fields, data), None
 
-        frames = (steps[:, None] * env.n_frames + jnp.arange(env.n_frames)).reshape(-1)
+        frames = (steps[:, None] * n_frames + jnp.arange(n_frames)).reshape(-1)
         return fields, jax.lax.scan(frame, data, frames)[0]
 
     return jax.jit(start), jax.jit(roll, donate_argnums=0)
@@ -172,12 +184,17 @@ def _c_batch(env: Base, engine: CEngine, states: WorldsState) -> Batch:
     return batch
 
 
-def _roll_c(env: Base, ids: np.ndarray, batch: Batch, actions: Actions, steps: jax.Array, held: int) -> Batch:
-    controls = np.asarray(actions["forces"]).reshape(DISTINCT, len(batch.qpos), -1)
-    for i in np.asarray(steps):
-        batch.ctrl[:, ids] = controls[i // held % DISTINCT]
-        batch.step(nstep=env.n_frames)
-    return batch
+def c_roll(ids: np.ndarray, n_frames: int = 1) -> Roll:
+    """Plain MuJoCo's steps of a batch on all cores, its forces written to the controls `ids`."""
+
+    def roll(batch: Batch, actions: Actions, steps: jax.Array, held: int) -> Batch:
+        controls = np.asarray(actions["forces"]).reshape(DISTINCT, len(batch.qpos), -1)
+        for i in np.asarray(steps):
+            batch.ctrl[:, ids] = controls[i // held % DISTINCT]
+            batch.step(nstep=n_frames)
+        return batch
+
+    return roll
 
 
 def measure(name: str, impl: str, n_worlds: int, config: Config) -> Iterator[Row]:
