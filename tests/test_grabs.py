@@ -373,7 +373,7 @@ ERRORS = {
     "vision": (lambda e: maax.GrabObjects(e, in_vision_only=None), "in_vision_only: got None; takes True or False"),
     "unknown": (
         lambda e: maax.GrabObjects(e, ["boxs"]),
-        "objects: got 'boxs'; takes one of ['agents', 'boxes', 'ramps'] (did you mean 'boxes'",
+        "objects: got 'boxs'; takes one of ['boxes', 'ramps'] (did you mean 'boxes'",
     ),
     "not movable": (lambda e: maax.GrabObjects(e, ["walls"]), "objects: got 'walls'; takes one of"),
     "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], of which there are none; takes others"),

@@ -17,7 +17,7 @@ from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.shards import AXIS
 from maax_mjx.parallel.worlds import Worlds
 
-STATES = "states"
+STATES, BOX = "states", "tree"
 
 
 class Checkpoints:
@@ -68,7 +68,7 @@ class Checkpoints:
             raise ValueError("states: got those of pmap in several processes; takes method='shard_map' to save them")
         check_not_donated(states.step)
         flat = {name: worlds.flat(x) for name, x in _named(_keyless(states)).items()}
-        trees = {STATES: flat, **{name: _keyless(tree) for name, tree in others.items()}}
+        trees = {STATES: flat, **_boxed(others)}
         self._manager.save(number, args=ocp.args.Composite(**{k: ocp.args.StandardSave(v) for k, v in trees.items()}))
 
     def restore(self, worlds: Worlds, number: int | None = None, **others: Any) -> tuple[WorldsState, dict[str, Any]]:
@@ -94,7 +94,7 @@ class Checkpoints:
         wanted = _named(jax.eval_shape(_keyless, like))
         self._check_same(wanted, self._manager.item_metadata(number)[STATES])
         spread = {name: _target(worlds, x) for name, x in wanted.items()}
-        trees = {STATES: spread, **{name: _keyless(tree) for name, tree in others.items()}}
+        trees = {STATES: spread, **_boxed(others)}
         args = ocp.args.Composite(**{name: ocp.args.StandardRestore(tree) for name, tree in trees.items()})
         found = self._manager.restore(number, args=args)
 
@@ -105,7 +105,7 @@ class Checkpoints:
             return _as_key(saved, x)
 
         states = jax.tree.map_with_path(leaf, like)
-        return states, {name: jax.tree.map(_as_key, found[name], tree) for name, tree in others.items()}
+        return states, {name: jax.tree.map(_as_key, found[name][BOX], tree) for name, tree in others.items()}
 
     def _check_same(self, wanted: dict[str, Any], saved: Any) -> None:
         """Compares names and shapes."""
@@ -127,6 +127,11 @@ def _named(tree: Any) -> dict[str, Any]:
 
 def _name(path: Any) -> str:
     return jax.tree_util.keystr(path, simple=True, separator=".")
+
+
+def _boxed(others: dict[str, Any]) -> dict[str, Any]:
+    """Each as a dict, since Orbax does not take single arrays."""
+    return {name: {BOX: _keyless(tree)} for name, tree in others.items()}
 
 
 def _is_key(x: Any) -> bool:

@@ -1,0 +1,171 @@
+"""How env steps grow with devices: `python -m maax_mjx.benchmarks.devices --help`.
+
+Every device has as many worlds, with one device as with many, so that twice the devices make twice the steps at best.
+Rollouts are those of `Worlds.rollout`, under random actions redrawn every step.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import jax
+import tyro
+
+import maax_mjx as maax
+from maax_mjx.benchmarks import record
+
+
+@dataclass
+class Config:
+    """Options.
+
+    Attributes:
+        env: environment, by name.
+        impl: engines.
+        worlds: of every device.
+        devices: how many, as far as there are; always one first.
+        method: how several are used.
+        processes: whether as many processes with a device each are timed too.
+        steps: env steps of a rollout.
+        rollouts: how many are timed, after one to warm up.
+        max_minutes: after so long no further row is begun; a later run with the same `out` goes on.
+        out: JSON file to write; rows that it has already are not measured again. Nothing is written without one.
+        rank, coordinator: of a process that this one starts.
+    """
+
+    env: str = "hide_and_seek"
+    impl: tuple[str, ...] = ("warp",)
+    worlds: int = 16_384
+    devices: tuple[int, ...] = (2,)
+    method: tuple[str, ...] = ("shard_map", "pmap")
+    processes: bool = True
+    steps: int = 200
+    rollouts: int = 5
+    max_minutes: float | None = None
+    out: Path | None = None
+    rank: int | None = None
+    coordinator: str | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is measured; `worlds` of every device."""
+
+    env: str
+    impl: str
+    worlds: int
+    devices: int
+    processes: int
+    method: str
+
+
+@dataclass(frozen=True)
+class Row(Case):
+    """A case, its env-steps per second of all worlds, and how many times those of one device that is."""
+
+    steps: int
+    rollouts: int
+    env_steps_per_s: float
+    times_one: float | None
+    compile_s: float
+    physics_faults: int
+    episodes_ended: int
+
+
+def cases(config: Config) -> Iterator[Case]:
+    """One device first, which the others are compared with."""
+    for impl in config.impl:
+        yield Case(config.env, impl, config.worlds, 1, 1, "jit")
+        for n in config.devices:
+            for method in config.method:
+                yield Case(config.env, impl, config.worlds, n, 1, method)
+            if config.processes:
+                yield Case(config.env, impl, config.worlds, n, n, "shard_map")
+
+
+def measure(case: Case, config: Config) -> Row:
+    """Times rollouts of a case in this process."""
+    begun = time.perf_counter()
+    env = maax.make(case.env, impl=case.impl)
+    worlds = maax.Worlds(env, case.worlds * case.devices, case.devices, case.method)
+
+    def policy(state: maax.State, key: jax.Array) -> dict[str, jax.Array]:
+        return env.sample_action(key)
+
+    states = worlds.reset(jax.random.key(0), stagger=True)
+    states, _ = jax.block_until_ready(worlds.rollout(states, policy, config.steps))
+    ready = time.perf_counter()
+    for i in range(config.rollouts):
+        states, _ = worlds.rollout(states, policy, config.steps, key=jax.random.key(i))
+    jax.block_until_ready(states)
+    spent = time.perf_counter() - ready
+    counts = states.totals()
+    return Row(
+        **asdict(case),
+        steps=config.steps,
+        rollouts=config.rollouts,
+        env_steps_per_s=round(worlds.n_worlds * config.steps * config.rollouts / spent),
+        times_one=None,
+        compile_s=round(ready - begun, 1),
+        physics_faults=counts["physics_fault"],
+        episodes_ended=counts["episodes"],
+    )
+
+
+def measure_processes(case: Case, config: Config) -> Row:
+    """Times a case in processes of their own, a device each."""
+    with socket.socket() as free, TemporaryDirectory() as folder:
+        free.bind(("localhost", 0))
+        coordinator, out = f"localhost:{free.getsockname()[1]}", Path(folder) / "row.json"
+        options = {"env": case.env, "impl": case.impl, "worlds": case.worlds, "devices": case.devices}
+        options |= {"steps": config.steps, "rollouts": config.rollouts, "out": out, "coordinator": coordinator}
+        command = [sys.executable, "-m", "maax_mjx.benchmarks.devices", "--no-processes"]
+        command += [word for name, value in options.items() for word in (f"--{name}", str(value))]
+        children = [
+            subprocess.Popen([*command, "--rank", str(i)], env=os.environ | {"CUDA_VISIBLE_DEVICES": str(i)})
+            for i in range(case.processes)
+        ]
+        if any([child.wait() for child in children]):
+            raise RuntimeError(f"{case}: a process failed; its output is above")
+        return Row(**json.loads(out.read_text())["rows"][0])
+
+
+def child(config: Config) -> None:
+    """What one of several processes does; the first of them writes the row."""
+    n = config.devices[0]
+    jax.distributed.initialize(config.coordinator, n, config.rank)
+    row = measure(Case(config.env, config.impl[0], config.worlds, n, n, "shard_map"), config)
+    if jax.process_index() == 0:
+        record.write(config.out, config, [row])
+
+
+def main(config: Config) -> None:
+    """Measures every case, prints it, and writes the JSON after each."""
+    if config.rank is not None:
+        return child(config)
+    rows = record.resume(config.out, Row)
+    present = len(jax.devices())
+    for case in record.remaining([c for c in cases(config) if c.devices <= present], rows, config.max_minutes):
+        row = (measure if case.processes == 1 else measure_processes)(case, config)
+        ones = [r.env_steps_per_s for r in (*rows, row) if r.devices == 1 and (r.env, r.impl) == (row.env, row.impl)]
+        row = replace(row, times_one=round(row.env_steps_per_s / ones[0], 3) if ones else None)
+        rows.append(row)
+        print(
+            f"{row.env} {row.impl} {row.devices} device(s), {row.processes} process(es), {row.method}: "
+            f"{row.env_steps_per_s:,.0f} env-steps/s, {row.times_one} times one",
+            flush=True,
+        )
+        record.write(config.out, config, rows)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

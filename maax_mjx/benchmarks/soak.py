@@ -1,0 +1,188 @@
+"""Billions of steps under hostile play, over several runs: `python -m maax_mjx.benchmarks.soak --help`.
+
+Full force, redrawn every 20 steps, while everybody locks and grabs everything in reach. What a user could see of a step
+is looked at after each. A run that is stopped or killed goes on from its last checkpoint.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import tyro
+from flax import struct
+from tqdm import tqdm
+
+import maax_mjx as maax
+from maax_mjx.benchmarks import record
+from maax_mjx.parallel import WorldsState
+
+COUNTS = ("episodes", "physics_fault", "contact_overflow", "layout_invalid")
+
+
+@dataclass
+class Config:
+    """Options.
+
+    Attributes:
+        env: environment, by name.
+        impl: engine.
+        worlds: batch size.
+        physics_steps: how many in all, of all worlds and runs.
+        held: for how many env steps a force is held.
+        chunk: env steps of a rollout.
+        every: rollouts between checkpoints.
+        max_minutes: of this run.
+        folder: of the checkpoints; a later run with the same goes on from the last.
+        out: JSON file, written at every checkpoint; nothing is written without one.
+    """
+
+    env: str = "hide_and_seek"
+    impl: str = "warp"
+    worlds: int = 16_384
+    physics_steps: float = 1e9
+    held: int = 20
+    chunk: int = 100
+    every: int = 10
+    max_minutes: float | None = None
+    folder: Path = Path("soak")
+    out: Path | None = None
+
+
+class Tally(struct.PyTreeNode):
+    """What was seen so far.
+
+    Attributes:
+        env_steps: () int32, of each world.
+        bad_steps: () int32, steps after which some number that a user sees was not finite.
+        counts: (4,) float32 totals of all worlds before `states.counts`, which are started anew with every rollout,
+            since they are int32: by `COUNTS`.
+        seconds: () float32 that rollouts took.
+    """
+
+    env_steps: jax.Array
+    bad_steps: jax.Array
+    counts: jax.Array
+    seconds: jax.Array
+
+    @classmethod
+    def nothing(cls) -> Tally:
+        """Before the first step."""
+        none = jnp.zeros((), jnp.int32)
+        return cls(none, none, jnp.zeros(len(COUNTS)), jnp.zeros(()))
+
+
+@dataclass(frozen=True)
+class Row:
+    """All runs together."""
+
+    env: str
+    impl: str
+    worlds: int
+    held: int
+    n_frames: int
+    env_steps: int
+    physics_steps: int
+    steps_with_nan: int
+    episodes: int
+    physics_faults: int
+    contact_overflows: int
+    layouts_invalid: int
+    faults_per_million_physics_steps: float
+    physics_steps_per_s: float
+    runs: int
+
+
+def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax.Array]:
+    """Full force one way or the other, and everything locked and grabbed."""
+    spaces = env.action_space.spaces
+    action = {name: jnp.ones((worlds, *space.shape), jnp.int8) for name, space in spaces.items() if name != "move"}  # type: ignore[misc]
+    forwards = jax.random.bernoulli(key, shape=(worlds, env.base.n_agents, 3))
+    bins = getattr(spaces["move"], "nvec", None)
+    most, least = (1.0, -1.0) if bins is None else (int(bins.flat[0]) - 1, 0)
+    return {**action, "move": jnp.where(forwards, most, least)}
+
+
+def player(worlds: maax.Worlds, config: Config) -> jax.stages.Wrapped:
+    """`(states, start) -> states, bad`: a chunk of steps from step `start`, and how many of them showed a NaN."""
+
+    def play(states: WorldsState, start: jax.Array) -> tuple[WorldsState, jax.Array]:
+        def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, jax.Array]:
+            key = jax.random.fold_in(jax.random.key(1), t // config.held)
+            states = worlds.step_fn(states, hostile(worlds.env, worlds.n_worlds, key))
+            public = states.replace(upcoming=(), data=states.data.replace(engine=()))
+            floats = [x for x in jax.tree.leaves(public) if jnp.issubdtype(x.dtype, jnp.floating)]
+            return states, ~jnp.stack([jnp.isfinite(x).all() for x in floats]).all()
+
+        states, bad = jax.lax.scan(step, states, start + jnp.arange(config.chunk))
+        return states, bad.sum()
+
+    return jax.jit(play, donate_argnums=0)
+
+
+def main(config: Config) -> None:
+    """Goes on until all steps are done or the minutes are over."""
+    env = maax.make(config.env, impl=config.impl)
+    worlds = maax.Worlds(env, config.worlds)
+    checkpoints, play, tally, runs = maax.Checkpoints(config.folder), player(worlds, config), Tally.nothing(), 1
+    if checkpoints.latest is None:
+        states = worlds.reset(jax.random.key(0), stagger=True)
+    else:
+        states, others = checkpoints.restore(worlds, tally=tally, runs=jnp.ones((), jnp.int32))
+        tally, runs = others["tally"], int(others["runs"]) + 1
+    per_step = config.worlds * env.base.n_frames
+    begun, chunks = time.monotonic(), 0
+    with tqdm(total=int(config.physics_steps), initial=int(tally.env_steps) * per_step, unit_scale=True) as bar:
+        while bar.n < config.physics_steps and not _over(begun, config.max_minutes):
+            start = time.perf_counter()
+            states, bad = jax.block_until_ready(play(states, tally.env_steps))
+            chunks += 1
+            # The first one compiles.
+            seconds = time.perf_counter() - start if chunks > 1 else 0.0
+            counts = jnp.array([states.totals()[name] for name in COUNTS], jnp.float32)
+            states = states.replace(counts=jax.tree.map(jnp.zeros_like, states.counts))
+            tally = Tally(
+                tally.env_steps + config.chunk, tally.bad_steps + bad, tally.counts + counts, tally.seconds + seconds
+            )
+            bar.update(config.chunk * per_step)
+            done = bar.n >= config.physics_steps or _over(begun, config.max_minutes)
+            if done or chunks % config.every == 0:
+                checkpoints.save(int(tally.env_steps), worlds, states, tally=tally, runs=jnp.asarray(runs))
+                row = row_of(tally, config, env.base.n_frames, runs)
+                record.write(config.out, config, [row])
+    print(asdict(row_of(tally, config, env.base.n_frames, runs)), flush=True)
+
+
+def row_of(tally: Tally, config: Config, n_frames: int, runs: int) -> Row:
+    """The tally as a row."""
+    steps = int(tally.env_steps) * config.worlds
+    counts = dict(zip(COUNTS, (int(x) for x in tally.counts), strict=True))
+    timed = steps - runs * config.chunk * config.worlds
+    return Row(
+        env=config.env,
+        impl=config.impl,
+        worlds=config.worlds,
+        held=config.held,
+        n_frames=n_frames,
+        env_steps=steps,
+        physics_steps=steps * n_frames,
+        steps_with_nan=int(tally.bad_steps),
+        episodes=counts["episodes"],
+        physics_faults=counts["physics_fault"],
+        contact_overflows=counts["contact_overflow"],
+        layouts_invalid=counts["layout_invalid"],
+        faults_per_million_physics_steps=round(counts["physics_fault"] / max(steps * n_frames, 1) * 1e6, 4),
+        physics_steps_per_s=round(timed * n_frames / float(tally.seconds)) if float(tally.seconds) else 0,
+        runs=runs,
+    )
+
+
+def _over(begun: float, minutes: float | None) -> bool:
+    return minutes is not None and time.monotonic() - begun > 60 * minutes
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
