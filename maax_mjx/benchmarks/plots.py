@@ -77,7 +77,7 @@ def load(figure: Figure, rows: list[Row]) -> None:
 
 
 FIGURES: dict[str, Fill] = {"sampling": sampling, "load": load}
-"""By the beginning of the files' names, up to the first underscore."""
+"""By the beginning of the files' names, up to the first underscore. `plots_cost.FIGURES` has more."""
 
 
 def draw(path: Path, fill: Fill) -> Path:
@@ -162,8 +162,11 @@ def main(config: Config) -> None:
     """Draws every picture and prints its path."""
     if not config.folder.is_dir():
         raise ValueError(f"folder: got {config.folder}; takes a folder of JSON records")
+    from maax_mjx.benchmarks import plots_cost  # which draws with what is here
+
+    figures = FIGURES | plots_cost.FIGURES
     for path in sorted(config.folder.glob("*.json")):
-        fill = FIGURES.get(path.stem.split("_")[0])
+        fill = figures.get(path.stem.split("_")[0])
         if fill is not None:
             print(draw(path, fill))
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import tyro
 from gymnasium import spaces
@@ -31,6 +32,7 @@ from maax_mjx.env import Environment
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics.c_engine import CEngine
 from maax_mjx.physics.engine import MjxEngine
+from maax_mjx.state import State
 from maax_mjx.wrappers.actions import to_bins
 
 ROUNDS = 8
@@ -141,7 +143,7 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     engine = env.engine
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
-        return lambda states: _c_batch(env, engine, states), lambda *args: _roll_c(env, ids, *args)
+        return lambda states: c_batch(env, engine.c_model, states), lambda *args: _roll_c(env, ids, *args)
     if not isinstance(engine, MjxEngine):
         raise ValueError(f"impl: got {engine.impl!r}; takes c, jax or warp")
 
@@ -163,8 +165,9 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     return jax.jit(start), jax.jit(roll, donate_argnums=0)
 
 
-def _c_batch(env: Base, engine: CEngine, states: WorldsState) -> Batch:
-    batch = Batch(engine.c_model, states.step.shape[0])
+def c_batch(env: Base, model: mujoco.MjModel, states: State) -> Batch:
+    """Plain MuJoCo's batch of some worlds at rest, from the environment's model, perhaps with other options."""
+    batch = Batch(model, states.step.shape[0])
     for name, rows in env.overlay.items():
         target = batch.expand(name)
         target[:, rows] = np.asarray(states.world.fields[name]).reshape(len(target), len(rows), *target.shape[2:])

@@ -174,6 +174,7 @@ class Worlds:
         # The first step after an episode's end starts the sums anew.
         running = ~states.done
 
+        @jax.named_scope("reset")
         def begin(stepped: State, upcoming: Upcoming) -> tuple[State, Upcoming]:
             upcoming = self._draw_next(upcoming, states, urgent=done & upcoming.stale)
             return self._begin_next(stepped, upcoming.state, done), upcoming.replace(stale=upcoming.stale | done)
