@@ -36,7 +36,7 @@ def breakdown(figure: Figure, rows: list[Row]) -> None:
 
 def fidelity(figure: Figure, rows: list[Row]) -> None:
     """The price of the thesis's 5 iterations: position errors against iterations, per engine."""
-    rows = sorted(rows, key=lambda row: row["iterations"])
+    rows = sorted(rows, key=lambda row: (row["impl"], row["iterations"]))
     spans = {"free": f"after {rows[0]['steps']} steps of its own", "single": "after one step from the same state"}
     axes = panels(figure, 2, 2)
     for line, who in zip(axes, ("agents", "objects"), strict=True):
@@ -51,7 +51,7 @@ def fidelity(figure: Figure, rows: list[Row]) -> None:
                 ax.fill_between(x, half, most, color=colour, alpha=0.18)
                 ax.plot(x, nearly_all, ":", color=colour, linewidth=1.2)
             ax.axvline(5, color="#555555", linewidth=0.8, linestyle="--")
-            ax.set_xticks(list(dict.fromkeys(row["iterations"] for row in rows)))
+            ax.set_xticks(sorted({row["iterations"] for row in rows}))
             ax.set_title(f"{who.capitalize()}, {when}", fontsize=10)
     axes[0][0].annotate("thesis", (5, axes[0][0].get_ylim()[1]), (3, -10), textcoords="offset points", fontsize=8)
     lines, names = axes[0][0].get_legend_handles_labels()
