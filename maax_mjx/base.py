@@ -320,6 +320,7 @@ class Base(Environment):
         (world, data), overflow = jax.lax.scan(frame, (world, data), length=self.n_frames)
         return world, data, overflow.any()
 
+    @jax.named_scope("observations")
     def _observe(self, world: World, data: Data) -> dict[str, jax.Array]:
         obs: dict[str, jax.Array] = {}
         for module in self._modules.values():

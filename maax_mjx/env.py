@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -18,6 +20,11 @@ if TYPE_CHECKING:
 
 class Environment(ABC):
     """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely."""
+
+    def __init_subclass__(cls, **options: Any):
+        super().__init_subclass__(**options)
+        if "step" in cls.__dict__:
+            cls.step = _named(cls.step)  # type: ignore[method-assign]
 
     @property
     @abstractmethod
@@ -60,3 +67,14 @@ class Environment(ABC):
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """A uniform random action; traceable."""
         return sample(self.action_space, key)
+
+
+def _named(step: Callable) -> Callable:
+    """`step`, whose operations carry the name of their environment's class, by which profiles tell layers apart."""
+
+    @wraps(step)
+    def named(self: Environment, state: State, action: Any) -> State:
+        with jax.named_scope(type(self).__name__):
+            return step(self, state, action)
+
+    return named

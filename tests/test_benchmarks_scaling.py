@@ -182,6 +182,6 @@ def test_errors_before_anything_runs(module, options, message, tmp_path):
 
 def test_pictures(folder):
     """Of the files that the tests above left, a row without figures among them."""
-    drawn = [plots.draw(path, plots.FIGURES[path.stem.split("_")[0]]) for path in sorted(folder.glob("*.json"))]
+    drawn = [plots.draw(path, plots.figures()[path.stem.split("_")[0]]) for path in sorted(folder.glob("*.json"))]
     assert [path.stem for path in drawn] == ["engines_c", "objects_c", "scaling_c"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)

@@ -1,6 +1,6 @@
 """Redraws the pictures of results from their JSON files: `python -m maax_mjx.benchmarks.plots --help`.
 
-A kind of picture is one function of an empty figure and a record's rows; `FIGURES` names the files that it draws.
+A kind of picture is one function of an empty figure and a record's rows; `figures` names the files that it draws.
 """
 
 from __future__ import annotations
@@ -76,23 +76,11 @@ def load(figure: Figure, rows: list[Row]) -> None:
     legend(figure)
 
 
-def later(name: str) -> Fill:
-    """A figure of `plots_scaling`, which is imported when it is drawn, since it imports this module."""
+def figures() -> dict[str, Fill]:
+    """All kinds of pictures, by the beginning of the files' names, up to the first underscore."""
+    from maax_mjx.benchmarks import plots_cost, plots_scaling  # which draw with what is here
 
-    def fill(figure: Figure, rows: list[Row]) -> None:
-        from maax_mjx.benchmarks import plots_scaling
-
-        getattr(plots_scaling, name)(figure, rows)
-
-    return fill
-
-
-FIGURES: dict[str, Fill] = {
-    "sampling": sampling,
-    "load": load,
-    **{name: later(name) for name in ("scaling", "engines", "objects")},
-}
-"""By the beginning of the files' names, up to the first underscore."""
+    return {"sampling": sampling, "load": load, **plots_cost.FIGURES, **plots_scaling.FIGURES}
 
 
 def draw(path: Path, fill: Fill) -> Path:
@@ -177,8 +165,9 @@ def main(config: Config) -> None:
     """Draws every picture and prints its path."""
     if not config.folder.is_dir():
         raise ValueError(f"folder: got {config.folder}; takes a folder of JSON records")
+    known = figures()
     for path in sorted(config.folder.glob("*.json")):
-        fill = FIGURES.get(path.stem.split("_")[0])
+        fill = known.get(path.stem.split("_")[0])
         if fill is not None:
             print(draw(path, fill))
 

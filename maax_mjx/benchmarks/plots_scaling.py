@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from maax_mjx.benchmarks.plots import COLOURS, MARKERS, Curves, Row, curves, legend, panels, plot
+from maax_mjx.benchmarks.plots import COLOURS, MARKERS, Curves, Fill, Row, curves, legend, panels, plot
 
 BATCHES = (2, 4, 8, 16, 32, 64, 128, 256, 512)
 THESIS = {
@@ -149,3 +149,7 @@ def _lengths(rows: list[Row]) -> str:
     if len(ordered) == 1:
         return f"T = {ordered[0][0]:,}"
     return ", ".join(f"T = {steps:,} up to {worlds:,} worlds" for steps, worlds in ordered)
+
+
+FIGURES: dict[str, Fill] = {"scaling": scaling, "engines": engines, "objects": objects}
+"""By the beginning of the files' names, up to the first underscore."""

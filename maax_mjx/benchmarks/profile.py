@@ -5,8 +5,10 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -88,19 +90,35 @@ def measure(contacts: int, config: Config) -> Row:
     )
 
 
-def longest(folder: Path, top: int) -> dict[str, float]:
-    """Microseconds by operation on the first device, the longest first, with the source they come from."""
+class Event(NamedTuple):
+    """One execution of an operation, its times in nanoseconds."""
+
+    name: str
+    start: float
+    end: float
+    stats: dict[str, Any]
+
+
+def events(folder: Path) -> Iterator[Event]:
+    """What a trace in `folder` saw run: on the devices' streams, or where JAX computes on the CPU, on its threads."""
     path = max(folder.rglob("*.xplane.pb"))
-    spent: defaultdict[str, float] = defaultdict(float)
     for plane in jax.profiler.ProfileData.from_file(str(path)).planes:
         on_device = plane.name.startswith("/device:")
         for line in plane.lines:
-            if not (line.name.startswith("Stream") if on_device else "XLAEigen" in line.name):
+            if on_device and not line.name.startswith("Stream"):
                 continue
             for event in line.events:
                 stats = dict(event.stats)
-                source = str(stats.get("name", ""))[-90:]
-                spent[f"{event.name[:80]} | {source}"] += event.duration_ns / 1e3
+                if on_device or "hlo_op" in stats:
+                    yield Event(event.name, event.start_ns, event.start_ns + event.duration_ns, stats)
+
+
+def longest(folder: Path, top: int) -> dict[str, float]:
+    """Microseconds by operation, the longest first, with the source they come from."""
+    spent: defaultdict[str, float] = defaultdict(float)
+    for event in events(folder):
+        source = str(event.stats.get("name", ""))[-90:]
+        spent[f"{event.name[:80]} | {source}"] += (event.end - event.start) / 1e3
     return dict(sorted(spent.items(), key=lambda item: -item[1])[:top])
 
 

@@ -6,8 +6,8 @@ import json
 import os
 import platform
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -34,7 +34,10 @@ def conditions() -> dict[str, Any]:
 
 
 def write(path: Path | None, config: Any, rows: Sequence[Any]) -> None:
-    """Writes rows (dataclasses) with their conditions as JSON; called after every row, so that none is lost."""
+    """Writes rows (dataclasses, or such rows read back) with their conditions as JSON.
+
+    Called after every row, so that none is lost.
+    """
     if path is None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +73,7 @@ def remaining(cases: Iterable[Case], rows: Sequence[Any], max_minutes: float | N
     """The cases of which no row is there yet, with progress, until the minutes are over.
 
     Args:
-        cases: dataclasses; a row is of a case if it has its values in all fields of the case.
+        cases: dataclasses or dicts; a row is of a case if it has its values in all fields of the case.
         rows: as `resume` gives them.
         max_minutes: no case is begun later than this.
     """
@@ -84,7 +87,32 @@ def remaining(cases: Iterable[Case], rows: Sequence[Any], max_minutes: float | N
 
 
 def _is_of(row: Any, case: Any) -> bool:
-    return all(getattr(row, field.name) == getattr(case, field.name) for field in fields(case))
+    return all(getattr(row, name) == value for name, value in (case if isinstance(case, dict) else vars(case)).items())
+
+
+def sweep(
+    config: Any,
+    row: type[R],
+    key_fields: Sequence[str],
+    cases: Iterable[tuple[Any, ...]],
+    measure: Callable[..., R],
+    shown: Callable[[R], str],
+) -> None:
+    """Measures the cases that `config.out` lacks, and writes each at once, until `config.max_minutes` are over.
+
+    Args:
+        config: a benchmark's options.
+        row: the class of its rows.
+        key_fields: the fields of a row by which the cases are told apart.
+        cases: their values, the most valuable first.
+        measure: from these values to a row.
+        shown: a line about a row.
+    """
+    rows = resume(config.out, row)
+    for case in remaining((dict(zip(key_fields, c, strict=True)) for c in cases), rows, config.max_minutes):
+        rows.append(measure(*case.values()))
+        tqdm.write(shown(rows[-1]))
+        write(config.out, config, rows)
 
 
 def _version(name: str) -> str | None:

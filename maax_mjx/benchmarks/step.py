@@ -17,6 +17,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import tyro
 from gymnasium import spaces
@@ -32,6 +33,7 @@ from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import Data, Fields
 from maax_mjx.physics.c_engine import CEngine
 from maax_mjx.physics.engine import MjxEngine
+from maax_mjx.state import State
 from maax_mjx.wrappers.actions import to_bins
 
 ROUNDS = 8
@@ -147,7 +149,7 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     engine = env.engine
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
-        return lambda states: _c_batch(env, engine, states), c_roll(ids, env.n_frames)
+        return lambda states: c_batch(env, engine.c_model, states), c_roll(ids, env.n_frames)
     if not isinstance(engine, MjxEngine):
         raise ValueError(f"impl: got {engine.impl!r}; takes c, jax or warp")
     start, roll = mjx_roll(engine, ids, env.n_frames)
@@ -175,8 +177,9 @@ def mjx_roll(engine: MjxEngine, ids: np.ndarray, n_frames: int = 1) -> tuple[Cal
     return jax.jit(start), jax.jit(roll, donate_argnums=0)
 
 
-def _c_batch(env: Base, engine: CEngine, states: WorldsState) -> Batch:
-    batch = Batch(engine.c_model, states.step.shape[0])
+def c_batch(env: Base, model: mujoco.MjModel, states: State) -> Batch:
+    """Plain MuJoCo's batch of some worlds at rest, from the environment's model, perhaps with other options."""
+    batch = Batch(model, states.step.shape[0])
     for name, rows in env.overlay.items():
         target = batch.expand(name)
         target[:, rows] = np.asarray(states.world.fields[name]).reshape(len(target), len(rows), *target.shape[2:])

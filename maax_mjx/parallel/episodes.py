@@ -101,6 +101,7 @@ def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
     # The first step after an episode's end starts the sums anew.
     running = ~states.done
 
+    @jax.named_scope("reset")
     def begin_next(stepped: State, upcoming: Upcoming) -> tuple[State, Upcoming]:
         upcoming = _draw_next(env, upcoming, states, urgent=done & upcoming.stale)
         return _merge(env, stepped, upcoming.state, done), upcoming.replace(stale=upcoming.stale | done)

@@ -81,7 +81,8 @@ class Engine(ABC):
         Raises:
             NotDifferentiableError: where it is differentiated and the engine has no derivatives.
         """
-        return self._compiled(world, data, n_frames)
+        with jax.named_scope("physics"):
+            return self._compiled(world, data, n_frames)
 
     @abstractmethod
     def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:

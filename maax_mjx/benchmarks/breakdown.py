@@ -1,0 +1,281 @@
+"""Where an env step of a game spends its time, by part: `python -m maax_mjx.benchmarks.breakdown --help`.
+
+From a profile of scanned env steps with staggered automatic resets. Layers name their operations (`jax.named_scope`),
+and compiled programs keep these names: an operation belongs to the innermost layer it is named by, and one that XLA
+fused from several belongs to each by the size of what it computes for it. At every instant the operations that run
+share the time, so that the parts and the idle time add up to the time traced, on any number of threads or streams.
+Tracing costs time itself: `traced_over_step` compares that sum with the same steps timed without it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import tyro
+
+import maax_mjx as maax
+from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.profile import Event, events
+from maax_mjx.benchmarks.step import draw_actions, env_roll
+from maax_mjx.checks import check_count
+
+REST, IDLE, UNNAMED, RESET = "the rest", "idle", "unnamed", "layout and reset"
+PARTS = {
+    "physics": ("physics",),
+    RESET: ("reset",),
+    "observations": ("observations", "SplitObservations", "_HandledObjects", "MaskObservations", "FlattenObservations"),
+    "vision": ("LineOfSight",),
+    "lidar": ("Lidar",),
+    "locks": ("LockObjects",),
+    "grabs": ("GrabObjects",),
+    "rewards": ("HideAndSeekReward", "RestrictAgentsRect"),
+    REST: ("Base", "TeamMembership", "AgentAgentContactMask2D", "PreparationPhase", "TrackStats", "DiscretizeActions"),
+}
+"""The names of operations of every part. The rest is also what `Worlds` does, and what is copied from step to step."""
+PART_OF = {name: part for part, names in PARTS.items() for name in names}
+CONTAINERS = ("while", "conditional", "call")
+"""Operations whose time is that of others."""
+WARP_KERNEL = "_cuda_kernel_forward"
+KEY = ("env", "impl", "worlds")
+
+
+@dataclass
+class Config:
+    """Options.
+
+    Attributes:
+        env: games to profile, by name.
+        impl: engines.
+        worlds: batch sizes.
+        steps: env steps to time without a profile.
+        traced: env steps under the profiler. A chunk of layouts is drawn every `horizon` / 16 steps (of batches below
+            1,024 worlds, more rarely), so that this should be a multiple of it.
+        horizon: env steps per episode.
+        held: for how many steps a full-force action is held.
+        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
+        out: JSON file to write, which `python -m maax_mjx.benchmarks.plots` draws; nothing is written without one.
+    """
+
+    env: tuple[str, ...] = ("hide_and_seek", "hide_and_seek_full")
+    impl: tuple[str, ...] = ("c",)
+    worlds: tuple[int, ...] = (256,)
+    steps: int = 120
+    traced: int = 60
+    horizon: int = 240
+    held: int = 20
+    max_minutes: float = math.inf
+    out: Path | None = None
+
+
+@dataclass
+class Row:
+    """One game's step, times in microseconds per env step of all worlds.
+
+    Attributes:
+        env, impl, worlds, horizon, held: what ran.
+        n_frames: physics steps per env step.
+        env_steps_per_s: all worlds added, without the profiler.
+        step_us: of an env step, without the profiler.
+        traced_us: of an env step under the profiler, from the first operation to the last.
+        parts_us: by part, what of `traced_us` its operations took. "unnamed" are operations that no program names,
+            "idle" is when none ran.
+        parts_over_traced: the sum of all parts, idle included, over `traced_us`: 1, but for rounding.
+        busy_over_step: the sum of all parts without "idle" over `step_us`.
+        traced_over_step: `traced_us` over `step_us`: what the profiler costs.
+        events: operations traced, per env step.
+        compile_s: compilation of the step.
+    """
+
+    env: str
+    impl: str
+    worlds: int
+    n_frames: int
+    horizon: int
+    held: int
+    env_steps_per_s: float
+    step_us: float
+    traced_us: float
+    parts_us: dict[str, float]
+    parts_over_traced: float
+    busy_over_step: float
+    traced_over_step: float
+    events: int
+    compile_s: float
+
+
+Shares = dict[str, float]
+"""By part, the share of an operation's time; they add up to 1."""
+
+
+def measure(name: str, impl: str, n_worlds: int, config: Config) -> Row:
+    """Times and traces a game's env steps."""
+    env = maax.make(name, impl=impl, horizon=config.horizon)
+    worlds = maax.Worlds(env, n_worlds)
+    states = worlds.reset(jax.random.key(0), stagger=True)
+    actions = draw_actions(env, n_worlds, config.held)
+    begun = time.perf_counter()
+    # One program for all turns, whose text tells what its operations are.
+    turn = jnp.arange(config.traced)
+    program = jax.jit(env_roll(worlds), donate_argnums=0).lower(states, actions, turn, config.held).compile()
+    compile_s = time.perf_counter() - begun
+    states = jax.block_until_ready(program(states, actions, turn, config.held))
+    n_turns = max(1, config.steps // config.traced)
+    begun = time.perf_counter()
+    for i in range(1, n_turns + 1):
+        states = jax.block_until_ready(program(states, actions, turn + i * config.traced, config.held))
+    step_us = (time.perf_counter() - begun) / (n_turns * config.traced) * 1e6
+    # Python's own tracer would slow the steps down, and of them it tells nothing.
+    options = jax.profiler.ProfileOptions()
+    options.python_tracer_level = 0
+    with tempfile.TemporaryDirectory() as folder:
+        with jax.profiler.trace(folder, profiler_options=options):
+            jax.block_until_ready(program(states, actions, turn + (n_turns + 1) * config.traced, config.held))
+        ran = list(events(Path(folder)))
+    spent, window = attribute(ran, shares_of(program.as_text() or ""))
+    traced_us = window / 1e3 / config.traced
+    parts = {part: t / 1e3 / config.traced for part, t in spent.items()}
+    return Row(
+        env=name,
+        impl=impl,
+        worlds=n_worlds,
+        n_frames=env.base.n_frames,
+        horizon=config.horizon,
+        held=config.held,
+        env_steps_per_s=round(n_worlds / step_us * 1e6),
+        step_us=round(step_us, 1),
+        traced_us=round(traced_us, 1),
+        parts_us={part: round(us, 2) for part, us in parts.items()},
+        parts_over_traced=round(sum(parts.values()) / traced_us, 3),
+        busy_over_step=round((sum(parts.values()) - parts[IDLE]) / step_us, 3),
+        traced_over_step=round(traced_us / step_us, 3),
+        events=round(len(ran) / config.traced),
+        compile_s=round(compile_s, 1),
+    )
+
+
+def part_of(source: str) -> str:
+    """The part that an operation belongs to, from the path of scopes it was written in."""
+    words = re.findall(r"\w+", source)
+    if "reset" in words:
+        return RESET
+    return next((PART_OF[word] for word in reversed(words) if word in PART_OF), REST)
+
+
+class Instruction(NamedTuple):
+    """One line of a compiled program: an operation, and how much it computes."""
+
+    name: str
+    opcode: str
+    source: str
+    size: int
+    calls: str
+
+
+def instructions(text: str) -> Iterator[tuple[str, Instruction]]:
+    """Every instruction of an HLO text, with the name of its computation."""
+    computation = ""
+    for line in text.splitlines():
+        if opening := re.match(r"(?:ENTRY )?%([\w.\-]+) \(", line):
+            computation = opening[1]
+        elif (found := re.match(r"\s+(?:ROOT )?%([\w.\-]+) = (.*)", line)) and (
+            opcode := re.search(r" ([a-z][\w\-]*)\(", found[2])
+        ):
+            source = re.search(r'op_name="([^"]*)"', line)
+            calls = re.search(r"calls=%([\w.\-]+)", line)
+            shape = re.search(r"\[([\d,]*)\]", found[2])
+            size = math.prod(map(int, filter(None, shape[1].split(",")))) if shape else 1
+            yield (
+                computation,
+                Instruction(found[1], opcode[1], source[1] if source else "", size, calls[1] if calls else ""),
+            )
+
+
+def shares_of(text: str) -> dict[str, Shares]:
+    """By operation of a compiled program, whose parts it works for; containers work for none."""
+    inside: defaultdict[str, list[Instruction]] = defaultdict(list)
+    for computation, instruction in instructions(text):
+        inside[computation].append(instruction)
+    shares: dict[str, Shares] = {}
+    for instruction in (i for found in inside.values() for i in found):
+        if instruction.opcode in CONTAINERS:
+            shares[instruction.name] = {}
+            continue
+        weights: defaultdict[str, float] = defaultdict(float)
+        for i in inside.get(instruction.calls, ()):
+            if i.source and i.opcode not in ("parameter", "constant", "broadcast", "bitcast"):
+                weights[part_of(i.source)] += i.size
+        total = sum(weights.values())
+        shares[instruction.name] = (
+            {part: weight / total for part, weight in weights.items()} if total else {part_of(instruction.source): 1.0}
+        )
+    return shares
+
+
+def attribute(ran: Iterable[Event], shares: Mapping[str, Shares]) -> tuple[dict[str, float], float]:
+    """Nanoseconds by part, and from the first operation to the last. What runs at the same time shares it."""
+    by_kernel = {re.sub(r"\W", "_", name): share for name, share in shares.items()}
+
+    def share_of(event: Event) -> Shares:
+        for name in (str(event.stats.get("hlo_op", "")), event.name):
+            share = shares.get(name, by_kernel.get(name))
+            if share is not None:
+                return share
+        if source := event.stats.get("name"):
+            return {part_of(str(source)): 1.0}
+        # Warp launches its own kernels, and does nothing but physics.
+        return {"physics" if event.name.endswith(WARP_KERNEL) else UNNAMED: 1.0}
+
+    busy = [(event, share) for event in ran if event.end > event.start and (share := share_of(event))]
+    if not busy:
+        raise RuntimeError("breakdown: the profiler saw no operation of the program on this device")
+    edges = sorted(
+        [(event.start, True, i) for i, (event, _) in enumerate(busy)]
+        + [(event.end, False, i) for i, (event, _) in enumerate(busy)]
+    )
+    spent = dict.fromkeys([*PARTS, UNNAMED, IDLE], 0.0)
+    running: dict[int, Shares] = {}
+    last = first = edges[0][0]
+    for now, begins, i in edges:
+        for share in running.values():
+            for part, weight in share.items():
+                spent[part] += weight * (now - last) / len(running)
+        if not running:
+            spent[IDLE] += now - last
+        last = now
+        if begins:
+            running[i] = busy[i][1]
+        else:
+            running.pop(i, None)
+    return spent, last - first
+
+
+def shown(row: Row) -> str:
+    """A line about a row, the largest parts first."""
+    parts = sorted(row.parts_us.items(), key=lambda item: -item[1])
+    listed = ", ".join(f"{part} {us / row.traced_us:.1%}" for part, us in parts if us)
+    return (
+        f"{row.env} {row.impl} {row.worlds}: {row.step_us:,.0f} us a step, {row.traced_us:,.0f} traced, "
+        f"busy {row.busy_over_step:.2f} of a step: {listed}"
+    )
+
+
+def main(config: Config) -> None:
+    """Profiles every game, prints a line and writes the JSON after each."""
+    check_count("traced", config.traced, minimum=1)
+    cases = product(config.env, config.impl, config.worlds)
+    record.sweep(config, Row, KEY, cases, lambda name, impl, n: measure(name, impl, n, config), shown)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

@@ -1,0 +1,260 @@
+"""Memory of a batch of worlds, and the largest batch that fits: `python -m maax_mjx.benchmarks.memory --help`.
+
+What is counted. The states: a WorldsState as it is carried from step to step, next episodes included. The step: what
+XLA says its compiled program needs, states and actions included, where what is donated counts once; the reset likewise.
+JAX's pool: the most that it ever had in use, its own count, which holds neither what Warp allocates within a step, nor
+MuJoCo's own batch, nor programs. The device: all that is taken on it when a step has run, as nvidia-smi counts it, pool
+and whatever else runs there included; what of it is outside the pool is Warp's, the programs' and the driver's. The
+host: the most that the process ever had resident.
+
+Peaks are a process's: one that this row did not raise is left out. Run one environment and engine per process, and
+batches from small to large. XLA_PYTHON_CLIENT_MEM_FRACTION says how much of a device JAX's pool may take.
+"""
+
+from __future__ import annotations
+
+import math
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+
+import maax_mjx as maax
+from maax_mjx.benchmarks import record
+from maax_mjx.checks import check_count
+
+LARGEST = "largest"
+KEY = ("env", "impl", "asked")
+FULL = ("RESOURCE_EXHAUSTED", "out of memory", "Failed to allocate", "bad_alloc")
+
+
+@dataclass
+class Config:
+    """Options.
+
+    Attributes:
+        env: environments, by name.
+        impl: engines.
+        worlds: batch sizes, from small to large.
+        largest: whether to look for the largest batch that fits, where the device says how much it has: a power of
+            two, estimated from what the two largest batches needed, and then stepped; half of it where that fails.
+        most: worlds that are tried for it. Of not many more, arrays of all contacts have too many numbers for an int32.
+        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
+        out: JSON file to write, which `python -m maax_mjx.benchmarks.plots` draws; nothing is written without one.
+    """
+
+    env: tuple[str, ...] = ("standard", "hide_and_seek", "hide_and_seek_full")
+    impl: tuple[str, ...] = ("c",)
+    worlds: tuple[int, ...] = (256, 1024, 4096)
+    largest: bool = False
+    most: int = 2**20
+    max_minutes: float = math.inf
+    out: Path | None = None
+
+
+@dataclass
+class Row:
+    """One batch; bytes of all its worlds together, unless it says per world. None is what this machine does not tell.
+
+    Attributes:
+        env, impl: what ran.
+        asked: the batch size that was asked for, or "largest".
+        worlds: the batch size.
+        fits: whether it was reset and stepped.
+        too_large: batch sizes that were tried before and did not fit.
+        estimate: how many worlds there seemed to be room for in JAX's pool.
+        state_bytes_per_world: of a WorldsState.
+        step_bytes, step_temporary_bytes: what the compiled step needs in all, and of it beside arguments and results.
+        reset_bytes: what the compiled reset needs in all.
+        pool_peak_bytes, pool_limit_bytes: of JAX's pool: the most in use so far, and what it may take.
+        device_used_bytes, outside_pool_bytes: taken on the device after a step, and of it outside of the pool.
+        host_peak_bytes: the most that the process had resident so far.
+        compile_s: compilation of reset and step.
+        error: the first line of why it does not fit.
+    """
+
+    env: str
+    impl: str
+    asked: str
+    worlds: int
+    fits: bool
+    too_large: list[int]
+    estimate: int | None
+    state_bytes_per_world: int
+    step_bytes: int | None
+    step_temporary_bytes: int | None
+    reset_bytes: int | None
+    pool_peak_bytes: int | None
+    pool_limit_bytes: int | None
+    device_used_bytes: int | None
+    outside_pool_bytes: int | None
+    host_peak_bytes: int | None
+    compile_s: float
+    error: str | None
+
+
+def measure(name: str, impl: str, n_worlds: int) -> Row:
+    """Compiles, resets and steps a batch twice."""
+    env = maax.make(name, impl=impl)
+    worlds = maax.Worlds(env, n_worlds)
+    params = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x), (n_worlds, 2)), env.default_params)
+    arguments = jax.random.key(0), params, jnp.asarray(False)
+    begun, compile_s = time.perf_counter(), 0.0
+    lowered = jax.jit(worlds.reset_fn).lower(*arguments)
+    shapes = lowered.out_info
+    size = sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
+    needs: dict[str, Any] = {}
+    pool_before, host_before = pool().get("peak_bytes_in_use", 0), host_peak()
+    used, error = None, None
+    try:
+        reset = lowered.compile()
+        action = jax.eval_shape(worlds.sample_action, jax.random.key(0))
+        step = jax.jit(worlds.step_fn, donate_argnums=0).lower(shapes, action).compile()
+        compile_s = time.perf_counter() - begun
+        needs["reset_bytes"], _ = needed(reset)
+        needs["step_bytes"], needs["step_temporary_bytes"] = needed(step)
+        states = reset(*arguments)
+        for i in range(2):
+            states = step(states, worlds.sample_action(jax.random.key(i)))
+        # Read, not only waited for: a device says only then that it failed.
+        np.asarray(states.step)
+        used = device_used()
+    except (RuntimeError, MemoryError) as failure:
+        error = f"{type(failure).__name__}: {failure}"
+        if not any(word in error for word in FULL):
+            raise
+    stats = pool()
+    pool_peak, host = stats.get("peak_bytes_in_use", 0), host_peak()
+    taken = stats.get("pool_bytes")
+    return Row(
+        env=name,
+        impl=impl,
+        asked=str(n_worlds),
+        worlds=n_worlds,
+        fits=error is None,
+        too_large=[],
+        estimate=None,
+        state_bytes_per_world=round(size / n_worlds),
+        step_bytes=needs.get("step_bytes"),
+        step_temporary_bytes=needs.get("step_temporary_bytes"),
+        reset_bytes=needs.get("reset_bytes"),
+        pool_peak_bytes=pool_peak if pool_peak > pool_before else None,
+        pool_limit_bytes=stats.get("bytes_limit"),
+        device_used_bytes=used,
+        outside_pool_bytes=None if used is None or taken is None else used - taken,
+        host_peak_bytes=host if host and host > (host_before or 0) else None,
+        compile_s=round(compile_s, 1),
+        error=error and error.splitlines()[0][:200],
+    )
+
+
+def needed(program: Any) -> tuple[int, int] | tuple[None, None]:
+    """Bytes that a compiled program needs in all, and of them temporaries; None where the backend does not tell."""
+    analysis = program.memory_analysis()
+    if analysis is None:
+        return None, None
+    temporary = analysis.temp_size_in_bytes
+    whole = analysis.argument_size_in_bytes + analysis.output_size_in_bytes - analysis.alias_size_in_bytes + temporary
+    return whole, temporary
+
+
+def pool() -> dict[str, int]:
+    """JAX's own count of the first device's memory; empty on a CPU."""
+    return jax.local_devices()[0].memory_stats() or {}
+
+
+def device_used() -> int | None:
+    """Bytes taken on the first NVIDIA device by all that runs there; None where there is none."""
+    if jax.default_backend() != "gpu":
+        return None
+    try:
+        import warp
+
+        device = warp.get_device("cuda:0")
+        return device.total_memory - device.free_memory
+    except (ImportError, ValueError, RuntimeError):
+        query = ["nvidia-smi", "--id=0", "--query-gpu=memory.used", "--format=csv,noheader,nounits"]
+        try:
+            return int(subprocess.run(query, capture_output=True, check=True, text=True).stdout) * 2**20
+        except (OSError, subprocess.CalledProcessError, ValueError):
+            return None
+
+
+def host_peak() -> int | None:
+    """Bytes that this process had resident at most."""
+    # Linux counts in KiB, macOS in bytes.
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def estimate(rows: Sequence[Row], limit: int) -> int:
+    """How many worlds `limit` bytes are enough for, from what the programs of the two largest batches need.
+
+    Raises:
+        RuntimeError: fewer than two batches, or programs that do not tell.
+    """
+    needs = {row.worlds: max(row.reset_bytes or 0, row.step_bytes or 0) for row in rows if row.fits}
+    points = sorted(needs.items())[-2:]
+    if len(points) < 2 or points[0][1] >= points[1][1]:
+        raise RuntimeError(f"largest: got {points} worlds and bytes; takes two growing batches, measured before")
+    (fewer, less), (more, most) = points
+    return int(more + (limit - most) / (most - less) * (more - fewer))
+
+
+def largest(name: str, impl: str, rows: Sequence[Row], most: int) -> Row:
+    """The largest power of two, up to the estimate and to `most`, that could be stepped."""
+    room = estimate(rows, pool()["bytes_limit"])
+    too_large: list[int] = []
+    n_worlds = min(most, 2 ** int(math.log2(max(room, 1))))
+    while True:
+        row = replace(measure(name, impl, n_worlds), asked=LARGEST, estimate=room, too_large=too_large)
+        if row.fits or n_worlds == 1:
+            return row
+        too_large.append(n_worlds)
+        n_worlds //= 2
+
+
+def shown(row: Row) -> str:
+    """A line about a row."""
+    sizes = {
+        "step": row.step_bytes,
+        "reset": row.reset_bytes,
+        "pool's peak": row.pool_peak_bytes,
+        "outside": row.outside_pool_bytes,
+        "host's peak": row.host_peak_bytes,
+    }
+    listed = ", ".join(f"{name} {size / 2**20:,.0f} MiB" for name, size in sizes.items() if size is not None)
+    fits = "" if row.fits else f" DOES NOT FIT ({row.error})"
+    return f"{row.env} {row.impl} {row.worlds:,}{fits}: a world's state {row.state_bytes_per_world:,} bytes; {listed}"
+
+
+def main(config: Config) -> None:
+    """Measures every batch, prints a line and writes the JSON after each."""
+    for n_worlds in config.worlds:
+        check_count("worlds", n_worlds, minimum=1)
+    check_count("most", config.most, minimum=1)
+    rows = record.resume(config.out, Row)
+
+    def one(name: str, impl: str, asked: str) -> Row:
+        before = [row for row in rows if (row.env, row.impl) == (name, impl)]
+        row = largest(name, impl, before, config.most) if asked == LARGEST else measure(name, impl, int(asked))
+        rows.append(row)
+        return row
+
+    asked = [str(n_worlds) for n_worlds in sorted(config.worlds)]
+    if config.largest and "bytes_limit" in pool():
+        asked.append(LARGEST)
+    record.sweep(config, Row, KEY, product(config.env, config.impl, asked), one, shown)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))

@@ -1,0 +1,171 @@
+"""The benchmarks of cost, fidelity and memory at their smallest."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+import maax_mjx as maax
+from maax_mjx.benchmarks import breakdown, fidelity, memory, plots, record
+from maax_mjx.benchmarks.profile import Event
+from maax_mjx.tasks.standard import standard
+
+HLO = """HloModule jit_roll
+%fused (p.0: f32[8]) -> f32[8] {
+  %p.0 = f32[8]{0} parameter(0), metadata={op_name="jit(roll)/vmap(Lidar)/LineOfSight/x"}
+  %cos.1 = f32[6,4]{1,0} cosine(%p.0), metadata={op_name="jit(roll)/vmap(Lidar)/cos"}
+  ROOT %add.2 = f32[8]{0} add(%cos.1, %p.0), metadata={op_name="jit(roll)/vmap(Lidar)/LineOfSight/Base/add"}
+}
+ENTRY %main (a.1: f32[8]) -> (f32[8], pred[]) {
+  %a.1 = f32[8]{0} parameter(0)
+  %fusion.1 = f32[8]{0} fusion(%a.1), kind=kLoop, calls=%fused, metadata={op_name="jit(roll)/vmap(Lidar)/LineOfSight"}
+  %callback.2 = (f32[8]{0}, /*index=1*/pred[]) custom-call(%a.1), metadata={op_name="Lidar/Base/physics/jit(f)/c"}
+  %while.3 = (f32[8]{0}) while(%a.1), body=%fused, metadata={op_name="jit(roll)/while/body/cond/reset/Base/while"}
+  ROOT %sort.4 = f32[8]{0} sort(%a.1), metadata={op_name="jit(roll)/while/body/cond/reset/Base/physics/sort"}
+}
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class TinyConfig(maax.StandardConfig):
+    """One agent on an open floor, which compiles fast."""
+
+    scenario: str = "empty"
+    n_hiders: int = 1
+    n_seekers: int = 0
+    n_boxes: int = 0
+    n_ramps: int = 0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tiny():
+    if "tiny" not in maax.tasks():
+        maax.register("tiny", lambda config: maax.RestrictAgentsRect(standard(config), (1, 1, 5, 5)), TinyConfig)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("results")
+
+
+def run(module, path, **options):
+    """The rows of a benchmark's file after a run, checked against its `Row`, and after another that adds nothing."""
+    module.main(module.Config(out=path, **options))
+    before = path.read_text()
+    rows = json.loads(before)["rows"]
+    for row in rows:
+        assert list(row) == [field.name for field in dataclasses.fields(module.Row)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "measure", None)
+        module.main(module.Config(out=path, **options))
+    assert path.read_text() == before
+    return rows
+
+
+def test_fidelity(folder):
+    options = dict(impl=("c",), iterations=(20, 1), worlds=8, steps=40, every=5)
+    rows = run(fidelity, folder / "fidelity_c.json", **options)
+    full, one = rows
+    assert (full["iterations"], one["iterations"], full["singles"]) == (20, 1, 64)
+    assert max(full["single_agents_m"] + full["single_objects_m"]) < 1e-6
+    assert max(full["free_agents_m"]) < 1e-5
+    assert one["single_agents_m"][2] > 100 * full["single_agents_m"][2]
+    assert one["free_agents_m"][0] > 1e-4
+    assert full["reference_ejected"] == full["faulty_worlds"] == 0
+
+
+def test_breakdown(folder):
+    (row,) = run(breakdown, folder / "breakdown_c.json", env=("tiny",), worlds=(4,), traced=4, steps=4, horizon=4)
+    parts = row["parts_us"]
+    assert sum(parts.values()) == pytest.approx(row["traced_us"], rel=0.01)
+    assert row["parts_over_traced"] == pytest.approx(1, abs=0.01)
+    assert row["busy_over_step"] > 0
+    assert min(parts["physics"], parts["layout and reset"]) > 0
+    assert parts["vision"] == parts["unnamed"] == 0
+
+
+def test_memory(folder, monkeypatch):
+    # What is measured is a step's memory, not its doing: another compilation of the physics would tell no more.
+    monkeypatch.setattr(maax.Worlds, "step_fn", lambda self, states, action: states.replace(step=states.step + 1))
+    (row,) = run(memory, folder / "memory_c.json", env=("tiny",), worlds=(4,))
+    assert row["fits"]
+    assert row["asked"] == "4"
+    assert row["step_bytes"] > 4 * row["state_bytes_per_world"] > 4 * 500
+    assert row["pool_peak_bytes"] is None, "a CPU counts nothing"
+
+
+def test_pictures(folder, capsys):
+    """Of what the tests above measured."""
+    plots.main(plots.Config(folder))
+    assert len(capsys.readouterr().out.split()) == len(list(folder.glob("*.json"))) == 3
+    assert all(picture.stat().st_size > 10_000 for picture in folder.glob("*.png"))
+
+
+def test_operations_belong_to_the_innermost_layer_and_fusions_to_several():
+    shares = breakdown.shares_of(HLO)
+    assert shares["fusion.1"] == {"lidar": 0.75, "the rest": 0.25}
+    assert shares["callback.2"] == {"physics": 1.0}
+    assert shares["while.3"] == {}, "its time is that of what it runs"
+    assert shares["sort.4"] == {"layout and reset": 1.0}
+
+
+def test_operations_that_run_together_share_the_time():
+    ran = [
+        Event("while.3", 0, 100, {}),
+        Event("callback.2", 0, 10, {}),
+        Event("loop_x", 4, 8, {"hlo_op": "fusion.1"}),
+        Event("sort_4", 20, 30, {}),
+        Event("sort_4", 25, 25, {}),
+        Event("solve_1f_cuda_kernel_forward", 30, 35, {}),
+        Event("memset", 35, 40, {}),
+        Event("potrf", 40, 42, {"name": "jit(roll)/LockObjects/solve"}),
+    ]
+    spent, window = breakdown.attribute(ran, breakdown.shares_of(HLO))
+    assert {part: time for part, time in spent.items() if time} == {
+        "physics": 13,
+        "lidar": 1.5,
+        "the rest": 0.5,
+        "idle": 10,
+        "layout and reset": 10,
+        "unnamed": 5,
+        "locks": 2,
+    }
+    assert window == sum(spent.values()) == 42
+    with pytest.raises(RuntimeError, match="saw no operation"):
+        breakdown.attribute([], {})
+
+
+def test_the_largest_batch(monkeypatch):
+    """Powers of two below the estimate, until one fits."""
+    empty = {field.name: None for field in dataclasses.fields(memory.Row)}
+
+    def row(worlds, **options):
+        return memory.Row(
+            **empty | dict(worlds=worlds, fits=True, too_large=[], step_bytes=1000 + 10 * worlds) | options
+        )
+
+    monkeypatch.setattr(memory, "pool", lambda: {"bytes_limit": 21_500})
+    monkeypatch.setattr(memory, "measure", lambda name, impl, n: row(n, fits=n < 1000))
+    found = memory.largest("tiny", "c", [row(50), row(100), row(200)], 2**20)
+    assert (found.estimate, found.worlds, found.too_large, found.asked) == (2050, 512, [2048, 1024], "largest")
+    assert memory.largest("tiny", "c", [row(100), row(200)], 256).worlds == 256
+    with pytest.raises(RuntimeError, match="takes two growing batches"):
+        memory.largest("tiny", "c", [row(100)], 256)
+
+
+def test_a_sweep_ends_when_its_time_is_over(tmp_path):
+    config = memory.Config(out=tmp_path / "memory.json", max_minutes=0.0)
+    record.sweep(config, memory.Row, ("worlds",), [(1,)], pytest.fail, str)
+    assert not config.out.exists()
+
+
+def test_errors_before_anything_runs():
+    for module, options in [
+        (fidelity, dict(steps=0)),
+        (breakdown, dict(traced=0)),
+        (memory, dict(worlds=(0,))),
+    ]:
+        with pytest.raises(ValueError, match="got 0; takes"):
+            module.main(module.Config(**options))
