@@ -123,9 +123,11 @@ def measure(case: Case, config: Config) -> Row:
 
 def measure_processes(case: Case, config: Config) -> Row:
     """Times a case in processes of their own, a device each."""
-    with socket.socket() as free, TemporaryDirectory() as folder:
+    with socket.socket() as free:
         free.bind(("localhost", 0))
-        coordinator, out = f"localhost:{free.getsockname()[1]}", Path(folder) / "row.json"
+        coordinator = f"localhost:{free.getsockname()[1]}"
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "row.json"
         options = {"env": case.env, "impl": case.impl, "worlds": case.worlds, "devices": case.devices}
         options |= {"steps": config.steps, "rollouts": config.rollouts, "out": out, "coordinator": coordinator}
         command = [sys.executable, "-m", "maax_mjx.benchmarks.devices", "--no-processes"]
