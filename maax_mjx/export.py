@@ -129,7 +129,20 @@ def _write_equalities(root: ET.Element, model: mujoco.MjModel, active: Any) -> N
             element.set("polycoef", _numbers(data[:5]))
         else:
             element.set("anchor", _numbers(data[:3]))
-            element.set("relpose", _numbers(data[3:10]))
+            if element.tag == "weld":
+                element.set("relpose", _numbers(data[3:10]))
+            elif active[equality.id]:
+                _connect_sites(root, element, data)
+
+
+def _connect_sites(root: ET.Element, connect: ET.Element, data: np.ndarray) -> None:
+    """Connects two sites instead of two bodies: of bodies, MuJoCo computes the second anchor where they begin."""
+    del connect.attrib["anchor"]
+    bodies = {body.get("name"): body for body in _child(root, "worldbody").iter("body")}
+    for i, pos in ((1, data[:3]), (2, data[3:6])):
+        site = f"{connect.get('name')}:{i}"
+        ET.SubElement(bodies[connect.attrib.pop(f"body{i}")], "site", name=site, pos=_numbers(pos))
+        connect.set(f"site{i}", site)
 
 
 def _write_sites(root: ET.Element, env: Environment, state: State) -> None:

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from maax_mjx.benchmarks import layouts, load, plots, sampling
+from maax_mjx.benchmarks import grabs, layouts, load, plots, sampling
 
 
 def run(module, path, **options):
@@ -95,6 +95,15 @@ def test_layouts(tmp_path):
     assert row["bare_ratio"] > 0
 
 
+def test_grabs(tmp_path):
+    rows = run(grabs, tmp_path / "grabs_cpu.json", steps=400, stiffness=(2000.0, 20_000.0), frames=(1,))
+    assert [row["rows_per_pair"] for row in rows] == [4, 6, 6, 0, 0]
+    assert [row["stable"] for row in rows] == [True] * 4 + [False]
+    assert [row["steps"] == 400 for row in rows] == [True] * 4 + [False]
+    shipped, weld, soft, spring, _ = (row["median_mm"] for row in rows)
+    assert max(shipped, weld) < 15 < min(soft, spring)
+
+
 @pytest.mark.usefixtures("sampled", "loaded")
 def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
     pictures = [folder / "load_c_cpu.png", folder / "sampling_cpu.png"]
@@ -116,6 +125,8 @@ def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
         (sampling, dict(rounds=0), "rounds: got 0"),
         (load, dict(edges=(6.1,)), "edges: got 6.1; takes multiples of 0.2"),
         (load, dict(rounds=0), "rounds: got 0"),
+        (grabs, dict(damping=0.0), "damping: got 0.0"),
+        (grabs, dict(frames=(1, 0)), "frames: got 0"),
         (layouts, dict(scenes=("N",)), "scenes: got 'N'; takes one of"),
         (layouts, dict(steps=0), "steps: got 0"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 
 import jax
@@ -61,8 +62,8 @@ def test_rules(lock_type, n_agents):
             assert (owners == {case[3]} and kept[i]) or not kept[i]
 
 
-def build(method="equality", *, free=False, radius=10.0, lock_type="team", outer="walls", per_object=True):
-    env = maax.Base(4, impl="c")
+def build(method="equality", *, free=False, radius=10.0, lock_type="team", outer="walls", per_object=True, n_frames=1):
+    env = maax.Base(4, n_frames, impl="c")
     env.add_module(maax.WallScenarios("empty", outer=outer))
     env.add_module(maax.Agents({"hiders": 2, "seekers": (0, 2)}))
     env.add_module(maax.Boxes((1, 2), n_elongated_boxes=(0, 1), free=free))
@@ -72,10 +73,15 @@ def build(method="equality", *, free=False, radius=10.0, lock_type="team", outer
     )
 
 
+@functools.cache
+def jitted(method="equality", free=False, outer="walls"):
+    env = build(method, free=free, outer=outer)
+    return env, jax.jit(env.reset), jax.jit(env.step)
+
+
 @pytest.fixture(scope="module")
 def locking():
-    env = build()
-    return env, jax.jit(env.reset), jax.jit(env.step)
+    return jitted()
 
 
 def bodies(env):
@@ -90,12 +96,9 @@ LIMITS = {("equality", False): (0.5, 0.1), ("joint_range", False): (5.0, 0.7), (
 
 
 @pytest.mark.parametrize(("method", "free"), LIMITS)
-def test_a_locked_object_is_held(method, free, locking):
+def test_a_locked_object_is_held(method, free):
     """Under 200 N and 20 Nm for 1,000 steps, and without swinging; unlocked, it goes."""
-    env, reset, step = locking
-    if (method, free) != ("equality", False):
-        env = build(method, free=free)
-        reset, step = jax.jit(env.reset), jax.jit(env.step)
+    env, reset, step = jitted(method, free)
     params = env.default_params.replace(n_boxes=2, n_elongated_boxes=1)
     state = step(reset(jax.random.key(0), params), action(np.ones((4, 3))))
     ids = bodies(env)
@@ -123,15 +126,124 @@ def test_a_locked_object_is_held(method, free, locking):
     assert (np.linalg.norm(np.asarray(state.data.xpos)[ids] - place, axis=1) > 0.1).all()
 
 
-def test_unlocked_it_moves_as_if_never_locked(locking):
-    _, reset, step = locking
-    fresh = reset(jax.random.key(1))
-    state = step(step(fresh, action(np.ones((4, 3)))), action(np.zeros((4, 3))))
-    never = fresh.replace(data=state.data.replace(eq_active=fresh.data.eq_active))
-    for t in range(50):
+@pytest.mark.parametrize(("method", "free", "outer"), [*((*case, "walls") for case in LIMITS),
+                                                       ("joint_range", False, "limits")])  # fmt: skip
+def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
+    """Agents and objects, pushed and turned as far as the edge of the arena, which may be joint ranges too.
+
+    What never was locked is stepped without the wrapper.
+    """
+    env, reset, step = jitted(method, free, outer)
+    plain = jax.jit(env.env.step)
+    fresh = reset(jax.random.key(1), env.default_params.replace(n_boxes=2, n_elongated_boxes=1))
+    state = fresh
+    for _ in range(5):
+        state = step(state, action(np.ones((4, 3)), 0.5))
+    equal(state.obs["obj_lock"], 1)
+    state = step(state, action(np.zeros((4, 3))))
+    equal(state.obs["obj_lock"], 0)
+    force = state.data.xfrc_applied.at[bodies(env)].set(jnp.array([24.0, 32.0, 0, 0, 0, 2.0]))
+    state = state.replace(data=state.data.replace(xfrc_applied=force))
+    never = fresh.replace(data=state.data.replace(eq_active=fresh.data.eq_active), step=state.step)
+    start = np.asarray(state.data.xpos)[bodies(env)]
+    for t in range(200):
         push = action(np.zeros((4, 3)), 1.0 if t % 20 < 10 else -0.5)
-        state, never = step(state, push), step(never, push)
+        state, never = step(state, push), plain(never, {"move": push["move"]})
         np.testing.assert_allclose(state.data.qpos, never.data.qpos, atol=1e-6)
+    assert (np.linalg.norm(np.asarray(state.data.xpos)[bodies(env)] - start, axis=1) > 0.5).all()
+    assert not state.metrics["physics_fault"]
+
+
+def machine(lock_type, wants, near, locked, owner, team):
+    """One object's next state from FACTS: whether it is locked, kept from before, and who asks for it."""
+    wanting = {i for i in range(len(team)) if near[i] and wants[i]}
+    against = {i for i in range(len(team)) if near[i] and not wants[i]}
+    if lock_type == "any_specific":
+        against &= {owner}
+    if lock_type == "team":
+        against = {i for i in against if team[i] == team[owner]}
+    unlocks = bool(against) and not (lock_type == "any" and wanting)
+    locks = bool(wanting) and (lock_type in ("any", "any_specific") or not against)
+    kept = bool(locked) and not unlocks
+    return kept or locks, kept, wanting
+
+
+N_WORLDS, N_STEPS, REACH = 32, 40, 1.2
+
+
+@pytest.fixture(scope="module")
+def roaming():
+    """States of up to 4 agents and 3 objects; they are the same of every lock type."""
+    env, reset, _ = jitted()
+    keys = jax.random.split(jax.random.key(5), N_WORLDS)
+    return jax.tree.map(lambda *x: jnp.stack(x), *(reset(key, env.default_params) for key in keys))
+
+
+@pytest.mark.parametrize("lock_type", LOCK_TYPES)
+def test_locks_over_time(lock_type, roaming):
+    """Agents roam among objects and change their minds; nearness is recomputed from where all were before a step.
+
+    Who owns a new lock is drawn: anyone who asks may, and the oracle goes on from there. It keeps the last owner of
+    what was unlocked, who was agent 0 where nobody was.
+    """
+    env = build(lock_type=lock_type, radius=REACH, n_frames=8)
+    _ = env.base.model
+    team = env.base.agents.team_index
+    rng = np.random.default_rng(3)
+    wants = (rng.random((N_STEPS // 2, N_WORLDS, 4, 3)) < 0.6).repeat(2, axis=0)
+    moves = rng.choice([-1.0, 0.0, 1.0], (N_STEPS // 5, N_WORLDS, 4, 3)).repeat(5, axis=0) * [1, 1, 0.1]
+
+    @jax.jit
+    def play(states, moves, wants):
+        def step(states, action):
+            after = jax.vmap(env.step)(states, action)
+            obs = {name: after.obs[name][..., 0] for name in ("obj_lock", "you_lock", "team_lock")}
+            return after, (states.data.qpos, after.mechanics["locks"], obs, after.metrics["physics_fault"])
+
+        return jax.lax.scan(step, states, {"move": moves, "lock": wants})[1]
+
+    qpos, locks, obs, faults = jax.device_get(play(roaming, moves, wants))
+    assert not faults.any()
+    modules = [env.base.modules[name] for name in ("boxes", "ramps")]
+    present = np.concatenate([roaming.world.active[m.kind] for m in modules], axis=1)
+    extents = np.concatenate([jax.vmap(m.extents_of)(roaming.world) for m in modules], axis=1)
+    playing = np.asarray(roaming.world.active["agent"])
+    at, to = qpos[..., env.base.agents.qpos_ids], qpos[..., np.concatenate([m.qpos_ids for m in modules])]
+    gap = at[..., :, None, :3] - to[..., None, :, :3]
+    cos, sin = np.cos(to[..., None, :, 3]), np.sin(to[..., None, :, 3])
+    local = np.stack([cos * gap[..., 0] + sin * gap[..., 1], cos * gap[..., 1] - sin * gap[..., 0], gap[..., 2]], -1)
+    distance = np.linalg.norm(np.maximum(np.abs(local) - extents[None, :, None] / 2, 0), axis=-1)
+    unsure = (np.abs(distance - REACH) < 1e-4).any(axis=2)
+    near = (distance <= REACH) & present[:, None] & playing[..., None]
+    locked, owner = np.zeros((N_WORLDS, 3), bool), np.zeros((N_WORLDS, 3), int)
+    new = let_go = latched = objected = changed_hands = 0
+    for t, w, k in itertools.product(range(N_STEPS), range(N_WORLDS), range(3)):
+        was, last = locked[w, k], owner[w, k]
+        now, kept, asking = machine(lock_type, wants[t, w, :, k], near[t, w, :, k], was, last, team)
+        if unsure[t, w, k]:
+            now, kept = locks.locked[t, w, k], locks.owner[t, w, k] == last
+        case = (t, w, k)
+        assert locks.locked[case] == now, case
+        if now and not kept:
+            assert locks.last_owner[case] in asking or unsure[case], case
+            np.testing.assert_allclose(locks.pose[case][:4], to[case], atol=1e-6)
+            owner[w, k] = locks.last_owner[case]
+            new += 1
+        locked[w, k] = now
+        assert locks.last_owner[case] == owner[w, k], case
+        assert locks.owner[case] == (owner[w, k] if now else -1), case
+        assert obs["obj_lock"][case] == now, case
+        equal(obs["you_lock"][t, w, :, k], [now and playing[w, i] and i == owner[w, k] for i in range(4)])
+        equal(obs["team_lock"][t, w, :, k], [now and playing[w, i] and team[i] == team[owner[w, k]] for i in range(4)])
+        let_go += was and not now
+        latched += now and not near[t, w, :, k].any()
+        changed_hands += was and now and not kept
+        objected += not was and last > 1 and bool(asking) and not now
+    assert unsure.sum() < 20
+    assert min(new, let_go, latched) > 50
+    assert (changed_hands > 5) == (lock_type == "any_specific")
+    if lock_type == "team":
+        assert objected > 5, "seekers that owned it last object to a new lock"
 
 
 def test_the_file_of_a_locked_world_moves_as_it_does(locking):

@@ -9,7 +9,7 @@ import pytest
 
 import maax_mjx as maax
 
-PUSH, TWIST, N = 200.0, 20.0, 150
+PUSH, TWIST, N = 200.0, 20.0, 1000
 
 
 @pytest.mark.parametrize("impl", ["jax", "warp"])
@@ -71,3 +71,38 @@ def test_locks_and_holds(impl):
     assert np.degrees(moved[:, 3]).max() < 0.1
     ray = np.asarray(state.obs["lidar"])[0, :, 0]
     assert ((ray > 0.15) & (ray < 6)).all()
+
+
+@pytest.mark.parametrize("pushed", [False, True], ids=["agents", "agents and 200 N"])
+def test_a_locked_box_withstands_agents(pushed):
+    """Two lean on two of its faces for 1,000 steps with all their force, off the middle, so that both turn it."""
+    env = maax.Base(2, impl="c")
+    env.add_module(maax.Agents(2))
+    env.add_module(maax.Boxes(1))
+    env = maax.LockObjects(maax.TeamMembership(env), ["boxes"], radius=10.0)
+    base = env.base
+    state = jax.jit(env.reset)(jax.random.key(0))
+    agents, box = base.agents.qpos_ids, base.modules["boxes"].qpos_ids[0]
+    qpos = state.data.qpos.at[box[:2]].set(3.0)
+    qpos = qpos.at[agents[:, :2]].set(jnp.array([[2.6, 2.8], [3.2, 2.6]]))
+    data = base.engine.pose(state.world, state.data.replace(qpos=qpos))
+    load = jnp.array([0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]) * pushed
+    force = data.xfrc_applied.at[base.modules["boxes"].body_ids[0]].set(load)
+    state = state.replace(data=data.replace(xfrc_applied=force))
+    moves = jnp.broadcast_to(jnp.array([[1.0, 0, 0], [0, 1.0, 0]]), (1000, 2, 3))
+
+    @jax.jit
+    def lean(state):
+        def step(state, move):
+            state = env.step(state, {"move": move, "lock": jnp.ones((2, 1), int)})
+            return state, (state.data.qpos, state.mechanics["locks"].locked[0], state.metrics["physics_fault"])
+
+        return jax.lax.scan(step, state, moves)[1]
+
+    trail, locked, fault = (np.asarray(x) for x in lean(state))
+    assert locked.all()
+    assert not fault.any()
+    assert (trail[:, [agents[0, 0], agents[1, 1]]] > 2.599).all(), "in contact"
+    moved = np.abs(trail[:, box] - np.asarray(qpos)[box])
+    assert np.linalg.norm(moved[:, :3], axis=1).max() < 0.5e-3
+    assert np.degrees(moved[:, 3]).max() < 0.1

@@ -74,6 +74,29 @@ def test_rewards(rew_type, touching, state):
             close(reward(here) - 0.5, 2 * reward_oracle(mask, [0, 0, 0, 1, 1], active, rew_type), atol=1e-6)
 
 
+@pytest.mark.parametrize("rew_type", ["selfish", "team_mean", "team_zero_sum"])
+@pytest.mark.parametrize("team", [(0, 0, 0, 1, 1), (1, 0, 1, 1, 0), (0, 0, 0, 0, 1)])
+def test_rewards_by_vision(team, rew_type, base, state):
+    """Who sees whom is one-sided: a hider in hiding may see its seeker. All see themselves, and some their own team."""
+    env = maax.HideAndSeekReward(maax.LineOfSight(maax.TeamMembership(base, team)), rew_type, by="vision", scale=2.0)
+    rng = np.random.default_rng(0)
+    active = np.array(list(itertools.product([False, True], repeat=5))).repeat(20, axis=0)
+    sees = (rng.random((len(active), 5, 5)) < 0.3) | np.eye(5, dtype=bool)
+
+    @jax.jit
+    @jax.vmap
+    def reward(sees, active):
+        world = state.world.replace(active=state.world.active | {"agent": active})
+        mechanics = state.mechanics | {"line_of_sight": {"sees_agents": sees}}
+        return env.reward(state.replace(world=world, mechanics=mechanics, reward=jnp.full(5, 0.5)))
+
+    got, want = (
+        np.asarray(reward(sees, active)) - 0.5,
+        [2 * reward_oracle(one, team, who, rew_type) for one, who in zip(sees, active, strict=True)],
+    )
+    close(got, want, atol=1e-6)
+
+
 def test_contact_and_team_sizes(touching, state):
     look = jax.jit(lambda s: touching.look(s).obs["contact_mask"])
     sizes = jax.jit(lambda s: touching.env.observation(s)["team_size"])

@@ -154,6 +154,8 @@ def main(config: Config) -> None:
     """Measures every case, prints it, and writes the JSON after each."""
     if config.rank is not None:
         return child(config)
+    # This process keeps no memory from those that it starts on the same devices.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     rows = record.resume(config.out, Row)
     present = len(jax.devices())
     for case in record.remaining([c for c in cases(config) if c.devices <= present], rows, config.max_minutes):
