@@ -6,6 +6,7 @@ import itertools
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
@@ -191,6 +192,24 @@ def test_what_is_held_follows(carrying):
     assert np.quantile(off, 0.99) < 80, "mm"
     assert np.degrees(np.abs(errors[..., 2])).max() < 12
     assert (np.linalg.norm(np.diff(agents[:, :, 0, :2], axis=0), axis=-1).sum(axis=0) > 5).all(), "metres"
+
+
+def test_the_file_of_a_carrying_world_moves_as_it_does(carrying):
+    env, _, _, step = carrying
+    state, *_ = run(carrying, gripping(carrying, 0.2), np.tile([[1, 0.5, 0], [0, 0, 0]], (30, 1, 1)), [1, 0])
+    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, state, world=3))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    assert data.eq_active.any()
+    begun = data.qpos.copy()
+    move = np.broadcast_to(np.float32([[-1, 0.5, 0.1], [0, 0, 0]]), (8, 2, 3))
+    for _ in range(50):
+        state = step(state, {"move": move, "grab": np.tile([1, 0], (8, 1))})
+        data.ctrl[:] = move[0].ravel()
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qpos, state.data.qpos[3], atol=1e-5)
+    assert np.abs(data.qpos - begun).max() > 0.3
 
 
 def test_what_is_released_stays(carrying):
