@@ -36,7 +36,8 @@ class AgentAgentContactMask2D(StateWrapper):
     def look(self, state: State) -> State:
         agents = self.base.agents
         xy = state.data.qpos[agents.qpos_ids[:, :2]]
-        near = jnp.linalg.norm(xy[:, None] - xy, axis=-1) <= self.distance
+        dx, dy = (along[:, None] - along for along in xy.T)
+        near = dx * dx + dy * dy <= self.distance**2
         active = state.world.active[agents.kind]
         mask = near & active & active[:, None] & ~jnp.eye(len(xy), dtype=bool)
         return self.remember(state, mask).replace(obs=state.obs | {"contact_mask": mask})
