@@ -166,13 +166,16 @@ def mjx_roll(engine: MjxEngine, ids: np.ndarray, n_frames: int = 1) -> tuple[Cal
     def roll(carry: tuple[Fields, mjx.Data], actions: Actions, steps: jax.Array, held: int) -> tuple[Fields, mjx.Data]:
         fields, data = carry
 
-        def frame(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
-            forces = at(actions, i // n_frames, held)["forces"]
-            data = data.replace(ctrl=data.ctrl.at[:, ids].set(forces.reshape(len(forces), -1)))
+        def frame(data: mjx.Data, _: None) -> tuple[mjx.Data, None]:
             return jax.vmap(lambda f, d: mjx.step(engine.mjx_model(f), d))(fields, data), None
 
-        frames = (steps[:, None] * n_frames + jnp.arange(n_frames)).reshape(-1)
-        return fields, jax.lax.scan(frame, data, frames)[0]
+        def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
+            forces = at(actions, i, held)["forces"]
+            data = data.replace(ctrl=data.ctrl.at[:, ids].set(forces.reshape(len(forces), -1)))
+            # As the engines do it: warp's steps one after another, those of jax, which take long to compile, in a loop.
+            return jax.lax.scan(frame, data, length=n_frames, unroll=n_frames if engine.impl == "warp" else 1)[0], None
+
+        return fields, jax.lax.scan(step, data, steps)[0]
 
     return jax.jit(start), jax.jit(roll, donate_argnums=0)
 
