@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
@@ -258,13 +259,34 @@ def _summary(env: Environment, states: WorldsState, n: int, steps: int, spent: f
         print(f"  {name:17} {value}")
 
 
+BENCHMARKS = (
+    "breakdown", "devices", "engines", "fidelity", "gradients", "grabs", "hostile", "layouts", "load", "memory",
+    "objects", "outer", "plots", "profile", "sampling", "scaling", "scenes", "soak", "step",
+)  # fmt: skip
+
+
+def bench(args: list[str]) -> None:
+    """Runs `maax-mjx bench NAME`: a module of `maax_mjx.benchmarks` with its own options."""
+    listed = "\n  ".join(BENCHMARKS)
+    if not args or args[0] in ("-h", "--help"):
+        print(f"usage: maax-mjx bench NAME [OPTIONS]; maax-mjx bench NAME --help lists them.\n\nNAME:\n  {listed}")
+        return
+    name = check_choice("bench", args[0], BENCHMARKS)
+    module = import_module(f"maax_mjx.benchmarks.{name}")
+    module.main(tyro.cli(module.Config, args=args[1:], prog=f"maax-mjx bench {name}", description=module.__doc__))
+
+
 def main() -> None:
     """The entry point: parses the command line and runs the command; a user's mistake exits with 2."""
     app = tyro.extras.SubcommandApp()
     app.command(name="rollout")(_rollout)
     app.command(name="worlds")(_sheet)
+    app.command(name="bench")(_bench)
     try:
-        app.cli(description="maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.")
+        if sys.argv[1:2] == ["bench"]:
+            bench(sys.argv[2:])
+        else:
+            app.cli(description="maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.")
     except (ValueError, OSError, maax.MissingLibraryError) as error:
         print(f"maax-mjx: {error}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -279,6 +301,10 @@ def _rollout(args: tyro.conf.OmitArgPrefixes[Rollout]) -> None:
 
 def _sheet(args: tyro.conf.OmitArgPrefixes[Sheet]) -> None:
     sheet(args)
+
+
+def _bench() -> None:
+    """Times things: `maax-mjx bench` lists what, `maax-mjx bench NAME --help` the options."""
 
 
 _rollout.__doc__ = Rollout.__doc__

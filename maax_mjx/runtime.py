@@ -5,6 +5,9 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import platform
+from hashlib import sha1
+from pathlib import Path
 
 FEW_CORES = 3
 XLA_CPU_THREADS = "3"
@@ -24,6 +27,29 @@ def guard_small_hosts() -> None:
 def _cores() -> int:
     """The cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def keep_compiled_programs() -> None:
+    """Has JAX keep what it compiles between processes, in a folder of this user and this kind of machine.
+
+    A folder that the user chose stays, and `JAX_ENABLE_COMPILATION_CACHE=0` turns it off. Programs with host callbacks,
+    such as those of the `c` engine, are never kept by JAX.
+    """
+    import jax
+
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        # Compiled for the processor at hand; home folders are shared by machines with others.
+        cpu = sha1(f"{platform.machine()} {_processor()}".encode()).hexdigest()[:12]
+        jax.config.update("jax_compilation_cache_dir", str(home / "maax_mjx" / f"xla-{cpu}"))
+
+
+def _processor() -> str:
+    """What the processor is able to do."""
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return platform.processor()
 
 
 def import_mjx() -> None:

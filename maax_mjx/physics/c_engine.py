@@ -111,8 +111,7 @@ class CEngine(Engine):
         n_worlds = prod(state["time"].shape)
 
         def rows(buffers: dict[str, Any]) -> Rows:
-            arrays = {name: np.asarray(buffer) for name, buffer in buffers.items()}
-            return {name: x if x.ndim == 2 else x.reshape(n_worlds, -1) for name, x in arrays.items()}
+            return {name: np.asarray(buffer).reshape(n_worlds, -1) for name, buffer in buffers.items()}
 
         host = self._borrow(n_worlds)
         args = rows(out), rows(state), rows(fields), rows({"engine": rest})["engine"]
