@@ -1,0 +1,234 @@
+"""Rollouts against a loop of steps; saved runs against runs that were never stopped; too much for the memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+
+N, T, HORIZON = 6, 5, 4
+
+
+@pytest.fixture(scope="module")
+def env():
+    return maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_ramps=0, horizon=HORIZON)
+
+
+@pytest.fixture(scope="module")
+def worlds(env):
+    return maax.Worlds(env, N, donate=False)
+
+
+@pytest.fixture(scope="module")
+def start(worlds):
+    return worlds.reset(jax.random.key(3), stagger=True)
+
+
+def policy(state, key, gain):
+    """Random, but for what it sees."""
+    noise = jax.random.uniform(key, (2, 3), minval=-1, maxval=1)
+    return {"move": gain * noise + 0.1 * (3.0 - state.obs["agent_pos"])}
+
+
+KEEP = ("obs.agent_pos", "action", "reward", "truncated", "final_obs", "metrics.physics_fault", "data.qpos", "step")
+
+
+@pytest.fixture(scope="module")
+def rolled(worlds, start):
+    return worlds.rollout(start, policy, T, jnp.float32(0.5), key=jax.random.key(9), keep=KEEP)
+
+
+def host(tree):
+    return jax.tree.map(
+        lambda x: np.asarray(jax.random.key_data(x) if jnp.issubdtype(x.dtype, jax.dtypes.prng_key) else x), tree
+    )
+
+
+def assert_same(a, b, exact=True):
+    for x, y in zip(jax.tree.leaves(host(a)), jax.tree.leaves(host(b)), strict=True):
+        np.testing.assert_array_equal(x, y) if exact else np.testing.assert_allclose(x, y, atol=1e-6)
+
+
+def test_a_rollout_is_a_loop_of_steps(worlds, start, rolled):
+    """Every world gets a key of its own at every step; observations are those that the policy saw."""
+    last, kept = rolled
+    assert set(kept) == set(KEEP)
+    states = start
+    for t in range(T):
+        keys = [jax.random.fold_in(jax.random.fold_in(jax.random.key(9), i), t) for i in range(N)]
+        views = [jax.tree.map(lambda x, i=i: x[i], states.obs) for i in range(N)]
+        actions = [policy(states.replace(obs=view), key, 0.5)["move"] for view, key in zip(views, keys, strict=True)]
+        np.testing.assert_array_equal(kept["obs.agent_pos"][t], states.obs["agent_pos"])
+        np.testing.assert_allclose(kept["action"]["move"][t], jnp.stack(actions), atol=1e-6)
+        states = worlds.step(states, {"move": kept["action"]["move"][t]})
+        for name in ("reward", "truncated", "step", "final_obs"):
+            assert_same(kept[name], {**kept, name: kept[name]}[name])
+            assert_same(jax.tree.map(lambda x, t=t: x[t], kept[name]), getattr(states, name), exact=False)
+        np.testing.assert_allclose(kept["data.qpos"][t], states.data.qpos, atol=1e-6)
+        np.testing.assert_array_equal(kept["metrics.physics_fault"][t], states.metrics["physics_fault"])
+    assert_same(last.counts, states.counts)
+    assert (last.counts["episodes"] >= 1).all()
+    assert not (kept["action"]["move"][:, 0] == kept["action"]["move"][:, 1]).any()
+
+
+def test_arguments_may_change_without_compiling(worlds, start, rolled, caplog):
+    with jax.log_compiles():
+        other, _ = worlds.rollout(start, policy, T, jnp.float32(0.0), key=jax.random.key(9), keep=KEEP)
+    assert not [r for r in caplog.records if "Compiling" in r.getMessage() and "rollout" in r.getMessage()]
+    assert not np.array_equal(other.data.qpos, rolled[0].data.qpos)
+
+
+MISTAKES = {
+    "unknown": (dict(keep=("rewards",)), "keep: got 'rewards'; takes names that begin with one of obs, action, reward"),
+    "text": (dict(keep="reward"), "keep: got 'reward'; takes a tuple"),
+    "inner": (dict(keep=("obs.nothing",)), "keep: got 'obs.nothing'; has no 'nothing': takes one of agent_mask"),
+    "array": (dict(keep=("reward.x",)), "there is an array without parts"),
+    "steps": (dict(n_steps=0), "n_steps: got 0"),
+    "policy": (dict(policy=3), "policy: got 3"),
+    "action": (dict(policy=lambda state, key: {"move": jnp.zeros((3, 3))}), "'move' has shape (3, 3); takes (2, 3)"),
+    "key": (dict(key=jnp.zeros(2, jnp.uint32)), "key: got an array of uint32"),
+}
+
+
+@pytest.mark.parametrize(("changed", "message"), MISTAKES.values(), ids=MISTAKES)
+def test_mistakes(changed, message, worlds, start):
+    arguments = {"policy": lambda state, key: {"move": jnp.zeros((2, 3))}, "n_steps": 1} | changed
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        worlds.rollout(start, **arguments)
+    assert message in str(error.value)
+
+
+DEVICES = {
+    "none": (dict(devices=0), "devices: got 0; takes None, 'all', or a number from 1 to 1"),
+    "too many": (dict(devices=2), "devices: got 2; takes None, 'all', or a number from 1 to 1, as JAX has 1"),
+    "text": (dict(devices="some"), "devices: got 'some'; takes one of ['all']"),
+    "list": (dict(devices=[0]), "takes None, 'all', a number, or a list of different jax.Device"),
+    "method": (dict(method="vmap"), "method: got 'vmap'; takes one of ['jit', 'pmap', 'shard_map']"),
+}
+
+
+@pytest.mark.parametrize(("options", "message"), DEVICES.values(), ids=DEVICES)
+def test_devices_that_there_are_not(options, message, env):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        maax.Worlds(env, 4, **options)
+    assert message in str(error.value)
+
+
+def test_several_devices_on_c_need_threads(env, monkeypatch):
+    monkeypatch.setenv("NPROC", "3")
+    with pytest.raises(ValueError, match=r"devices: got 2 with impl='c', which needs 8 threads .* NPROC=8"):
+        env.engine.check_devices(2)
+    monkeypatch.setenv("NPROC", "8")
+    env.engine.check_devices(2)
+
+
+def test_too_much_for_the_memory(env, start, monkeypatch):
+    worlds = maax.Worlds(env, N, donate=False)
+
+    def fails(*_):
+        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes.\nmore")
+
+    monkeypatch.setattr(worlds, "_step", fails)
+    with pytest.raises(MemoryError, match=r"6 worlds do not fit .* take fewer \(n_worlds\).*9 bytes\.\)$"):
+        worlds.step(start, worlds.sample_action(jax.random.key(0)))
+
+
+def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
+    states, others = rolled[0], {"params": {"w": jnp.arange(3.0)}, "key": jax.random.key(5), "n": jnp.asarray(7)}
+    checkpoints = maax.Checkpoints(tmp_path / "run", keep=2)
+    assert checkpoints.latest is None
+    with pytest.raises(FileNotFoundError, match=r"has \[\]"):
+        checkpoints.restore(worlds)
+    for number in (1, 2):
+        checkpoints.save(number, worlds, start)
+    checkpoints.save(5, worlds, states, **others)
+    again = maax.Checkpoints(tmp_path / "run")
+    assert again.latest == 5
+    restored, found = again.restore(worlds, **jax.tree.map(jnp.zeros_like, others | {"key": jax.random.key(0)}))
+    assert_same(restored, states)
+    assert_same(found, others)
+    after = [worlds.rollout(s, policy, T, jnp.float32(1.0), key=jax.random.key(1))[0] for s in (states, restored)]
+    assert_same(*after)
+    assert_same(again.restore(worlds, 2)[0], start)
+    with pytest.raises(FileNotFoundError, match=r"number: got 1; .* has \[2, 5\]"):
+        again.restore(worlds, 1)
+    with pytest.raises(ValueError, match="number: got 5; takes one greater than that of the latest save, 5"):
+        again.save(5, worlds, states)
+
+
+def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
+    checkpoints = maax.Checkpoints(tmp_path)
+    checkpoints.save(0, worlds, start)
+    with pytest.raises(ValueError, match=r"has .* of shape \(6,.*; takes as many worlds of the same environment"):
+        checkpoints.restore(maax.Worlds(worlds.env, 3))
+    with pytest.raises(ValueError, match="takes as many worlds of the same environment"):
+        checkpoints.restore(maax.Worlds(maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2), N))
+
+
+def test_a_killed_run_loses_its_last_interval_at_most(tmp_path):
+    """The soak, killed in the middle and begun again, comes to the same as one that was left alone."""
+
+    def soak(name, steps):
+        command = [
+            sys.executable,
+            "-m",
+            "maax_mjx.benchmarks.soak",
+            "--env",
+            "standard",
+            "--impl",
+            "c",
+            "--worlds",
+            "4",
+        ]
+        command += [
+            "--chunk",
+            "10",
+            "--every",
+            "1",
+            "--physics-steps",
+            str(4 * steps),
+            "--folder",
+            str(tmp_path / name),
+        ]
+        env = os.environ | {"JAX_PLATFORMS": "cpu"}
+        return subprocess.Popen(
+            [*command, "--out", str(tmp_path / f"{name}.json")],
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+
+    def row(name):
+        return json.loads((tmp_path / f"{name}.json").read_text())["rows"][0]
+
+    alone, killed = soak("alone", 60), soak("killed", 10**6)
+    until = time.monotonic() + 300
+    while not (tmp_path / "killed.json").exists() or row("killed")["env_steps"] < 4 * 20:
+        assert killed.poll() is None, killed.stdout.read()
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    assert alone.wait(300) == 0, alone.stdout.read()
+    saved = max(int(path.name) for path in (tmp_path / "killed").iterdir() if path.name.isdigit())
+    assert saved >= row("killed")["env_steps"] // 4, "what was told was saved"
+    steps = max(60, saved + 10)
+    goes_on = soak("killed", steps)
+    assert goes_on.wait(300) == 0, goes_on.stdout.read()
+    assert row("killed")["env_steps"] == 4 * steps
+    assert row("killed")["runs"] == 2
+    if steps > 60:
+        assert soak("alone", steps).wait(300) == 0
+    worlds = maax.Worlds(maax.make("standard", impl="c"), 4)
+    ends = [maax.Checkpoints(tmp_path / name).restore(worlds)[0] for name in ("alone", "killed")]
+    assert_same(*ends)
