@@ -54,7 +54,7 @@ def test_worlds_grow_with_a_scripted_agent():
     assert seen[:, ::2].max() == 4
     assert (seen[:, 1::2].max(axis=0) == 2).all()
     assert (seen[:, 1::2] == 1).mean() > 0.3
-    assert worlds._step._cache_size() == 1
+    assert worlds._step.func._cache_size() == 1
 
 
 def test_mistakes():

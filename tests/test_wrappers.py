@@ -182,7 +182,14 @@ def test_discrete_actions(touching):
     assert env.action_space["move"].nvec.tolist() == [[11, 11, 11]] * 5
     bins = np.array([[0, 5, 10], [1, 2, 3], [4, 6, 7], [8, 9, 5], [-3, 12, 5]])
     forces = np.clip(bins, 0, 10) * 0.2 - 1
-    close(env.action(None, {"move": bins})["move"], forces, atol=1e-6)
+    close(jax.jit(lambda bins: env.action(None, {"move": bins})["move"])(bins), forces, atol=1e-6)
+    for wrong, message in (
+        (bins, "'move' holds -3 to 12; takes whole numbers from 0 to 10"),
+        (np.zeros((5, 3), np.float32), "'move' holds float32; takes whole numbers, the bins from 0 on"),
+        (np.zeros((5, 2), int), r"'move' has shape \(5, 2\); takes \(5, 3\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            env.action(None, {"move": wrong})
     sample = jax.jit(env.sample_action)(jax.random.key(0))["move"]
     assert env.action_space.contains({"move": np.asarray(sample)})
     assert sample.dtype == jnp.int32

@@ -92,7 +92,9 @@ class Checkpoints:
             raise FileNotFoundError(f"number: got {number}; {self.folder} has {sorted(self._manager.all_steps())}")
         like = worlds.states_shape
         wanted = _named(jax.eval_shape(_keyless, like))
-        self._check_same(wanted, self._manager.item_metadata(number)[STATES])
+        # Not the manager's: in another process than the one that saved it does not know what there is.
+        metadata = ocp.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
+        self._check_same(wanted, metadata.item_metadata.tree)
         spread = {name: _target(worlds, x) for name, x in wanted.items()}
         trees = {STATES: spread, **_boxed(others)}
         args = ocp.args.Composite(**{name: ocp.args.StandardRestore(tree) for name, tree in trees.items()})
