@@ -91,7 +91,10 @@ def test_arguments_may_change_without_compiling(worlds, start, rolled, caplog):
 MISTAKES = {
     "unknown": (dict(keep=("rewards",)), "keep: got 'rewards'; takes names that begin with one of obs, action, reward"),
     "text": (dict(keep="reward"), "keep: got 'reward'; takes a tuple"),
-    "inner": (dict(keep=("obs.nothing",)), "keep: got 'obs.nothing'; has no 'nothing': takes one of agent_angle, agent_mask"),
+    "inner": (
+        dict(keep=("obs.nothing",)),
+        "keep: got 'obs.nothing'; has no 'nothing': takes one of agent_angle, agent_mask",
+    ),
     "array": (dict(keep=("reward.x",)), "there is an array without parts"),
     "steps": (dict(n_steps=0), "n_steps: got 0"),
     "policy": (dict(policy=3), "policy: got 3"),
