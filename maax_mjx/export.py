@@ -13,7 +13,7 @@ import numpy as np
 from maax_mjx.checks import check_not_donated
 from maax_mjx.env import Environment
 from maax_mjx.physics import overlaid_model
-from maax_mjx.state import State
+from maax_mjx.state import State, plain
 
 
 def world_of(state: State, world: int | None = None) -> State:
@@ -35,10 +35,7 @@ def world_of(state: State, world: int | None = None) -> State:
     if isinstance(world, bool) or not isinstance(world, int | np.integer) or not -n <= world < n:
         raise ValueError(f"world: got {world}; the state is a batch and takes an index below {n}")
     at = tuple(int(i) for i in np.unravel_index(world % n, shape))
-    return jax.device_get(_take(State(**{name: getattr(state, name) for name in _FIELDS}), at))
-
-
-_FIELDS = tuple(State.__dataclass_fields__)
+    return jax.device_get(_take(plain(state), at))
 
 
 @jax.jit

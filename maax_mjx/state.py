@@ -44,3 +44,11 @@ class State(struct.PyTreeNode):
     def done(self) -> jax.Array:
         """() bool, terminated or truncated."""
         return self.terminated | self.truncated
+
+
+FIELDS = tuple(State.__dataclass_fields__)
+
+
+def plain(state: State) -> State:
+    """What an environment itself knows, without what a subclass adds for a batch."""
+    return State(**{name: getattr(state, name) for name in FIELDS})

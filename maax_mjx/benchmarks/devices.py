@@ -158,17 +158,21 @@ def main(config: Config) -> None:
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     rows = record.resume(config.out, Row)
     present = len(jax.devices())
-    for case in record.remaining([c for c in cases(config) if c.devices <= present], rows, config.max_minutes):
+
+    def measured(case: Case) -> Row:
         row = (measure if case.processes == 1 else measure_processes)(case, config)
         ones = [r.env_steps_per_s for r in (*rows, row) if r.devices == 1 and (r.env, r.impl) == (row.env, row.impl)]
-        row = replace(row, times_one=round(row.env_steps_per_s / ones[0], 3) if ones else None)
-        rows.append(row)
-        print(
-            f"{row.env} {row.impl} {row.devices} device(s), {row.processes} process(es), {row.method}: "
-            f"{row.env_steps_per_s:,.0f} env-steps/s, {row.times_one} times one",
-            flush=True,
-        )
-        record.write(config.out, config, rows)
+        return replace(row, times_one=round(row.env_steps_per_s / ones[0], 3) if ones else None)
+
+    record.fill(config, rows, [case for case in cases(config) if case.devices <= present], measured, line)
+
+
+def line(row: Row) -> str:
+    """A line about a row."""
+    return (
+        f"{row.env} {row.impl} {row.devices} device(s), {row.processes} process(es), {row.method}: "
+        f"{row.env_steps_per_s:,.0f} env-steps/s, {row.times_one} times one"
+    )
 
 
 if __name__ == "__main__":

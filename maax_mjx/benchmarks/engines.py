@@ -23,7 +23,6 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.base import Base
@@ -177,14 +176,15 @@ def main(config: Config) -> None:
         check_count("worlds, iterations, held", count, minimum=1)
     rows = [row for row in record.resume(config.out, Row) if row.note != MISSING]
     print("engine  worlds  iterations  held     T  rollouts   seconds       steps/s  compile s    NaN  faults  note")
-    for case in record.remaining(cases(config), rows, config.max_minutes):
+
+    def measure(case: Case) -> Row:
         if case.engine in LIBRARIES and find_spec(LIBRARIES[case.engine]) is None:
             figures = Figures(config.steps_of(case.worlds), 0, note=MISSING)
         else:
             figures = rollouts.measure(partial(make, case), case.worlds, config, case.held)
-        rows.append(Row(**asdict(case), **asdict(figures)))
-        record.write(config.out, config, rows)
-        tqdm.write(line(rows[-1]))
+        return Row(**asdict(case), **asdict(figures))
+
+    record.fill(config, rows, cases(config), measure, line)
 
 
 def line(row: Row) -> str:

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 from functools import partial
 
 import tyro
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.base import Base
@@ -136,10 +135,7 @@ def main(config: Config) -> None:
     print(
         "impl  what  worlds  sweep  boxes  ramps  edge m  outer   joints     T   seconds       steps/s  build s  note"
     )
-    for case in record.remaining(cases(config), rows, config.max_minutes):
-        rows.append(measure(case, config))
-        record.write(config.out, config, rows)
-        tqdm.write(line(rows[-1]))
+    record.fill(config, rows, cases(config), lambda case: measure(case, config), line)
 
 
 def line(row: Row) -> str:

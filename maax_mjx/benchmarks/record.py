@@ -34,10 +34,7 @@ def conditions() -> dict[str, Any]:
 
 
 def write(path: Path | None, config: Any, rows: Sequence[Any]) -> None:
-    """Writes rows (dataclasses, or such rows read back) with their conditions as JSON.
-
-    Called after every row, so that none is lost.
-    """
+    """Writes rows (dataclasses) with their conditions as JSON; called after every row, so that none is lost."""
     if path is None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -90,6 +87,24 @@ def _is_of(row: Any, case: Any) -> bool:
     return all(getattr(row, name) == value for name, value in (case if isinstance(case, dict) else vars(case)).items())
 
 
+def fill(
+    config: Any, rows: list[R], cases: Iterable[Case], measure: Callable[[Case], R], shown: Callable[[R], str]
+) -> None:
+    """Measures the cases that `rows` lack, writes each at once and prints it, until `config.max_minutes` are over.
+
+    Args:
+        config: a benchmark's options.
+        rows: those that there are, to which the new ones are added.
+        cases: see `remaining`; the most valuable first.
+        measure: from a case to its row.
+        shown: a line about a row.
+    """
+    for case in remaining(cases, rows, config.max_minutes):
+        rows.append(measure(case))
+        write(config.out, config, rows)
+        tqdm.write(shown(rows[-1]))
+
+
 def sweep(
     config: Any,
     row: type[R],
@@ -98,7 +113,7 @@ def sweep(
     measure: Callable[..., R],
     shown: Callable[[R], str],
 ) -> None:
-    """Measures the cases that `config.out` lacks, and writes each at once, until `config.max_minutes` are over.
+    """`fill` of what `config.out` has, with cases that are the values of some fields.
 
     Args:
         config: a benchmark's options.
@@ -108,11 +123,8 @@ def sweep(
         measure: from these values to a row.
         shown: a line about a row.
     """
-    rows = resume(config.out, row)
-    for case in remaining((dict(zip(key_fields, c, strict=True)) for c in cases), rows, config.max_minutes):
-        rows.append(measure(*case.values()))
-        tqdm.write(shown(rows[-1]))
-        write(config.out, config, rows)
+    named = (dict(zip(key_fields, case, strict=True)) for case in cases)
+    fill(config, resume(config.out, row), named, lambda case: measure(*case.values()), shown)
 
 
 def _version(name: str) -> str | None:

@@ -12,7 +12,6 @@ from functools import lru_cache, partial
 from itertools import product
 
 import tyro
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record, rollouts
@@ -101,11 +100,11 @@ def main(config: Config) -> None:
         check_count("worlds, iterations", count, minimum=1)
     rows = record.resume(config.out, Row)
     print("impl  scene     what  worlds  iterations     T  rollouts   seconds       steps/s  compile s  NaN  note")
-    for case in record.remaining(cases(config), rows, config.max_minutes):
-        figures = rollouts.measure(partial(make, case), case.worlds, config, case.held)
-        rows.append(Row(**asdict(case), **asdict(figures)))
-        record.write(config.out, config, rows)
-        tqdm.write(line(rows[-1]))
+
+    def measure(case: Case) -> Row:
+        return Row(**asdict(case), **asdict(rollouts.measure(partial(make, case), case.worlds, config, case.held)))
+
+    record.fill(config, rows, cases(config), measure, line)
 
 
 def line(row: Row) -> str:

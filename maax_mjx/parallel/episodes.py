@@ -10,7 +10,7 @@ from flax import struct
 
 from maax_mjx.env import Environment
 from maax_mjx.params import DomainParams
-from maax_mjx.state import State
+from maax_mjx.state import FIELDS, State, plain
 
 LEAST_CHUNK, CHUNKS = 64, 16
 """Next episodes are drawn in chunks of a sixteenth of the worlds, but not of fewer than 64."""
@@ -96,7 +96,7 @@ def begin(
 
 def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
     """All worlds an env step further, the next episode begun where one ended."""
-    stepped = jax.vmap(env.step)(single(states), action)
+    stepped = jax.vmap(env.step)(plain(states), action)
     done = stepped.done
     # The first step after an episode's end starts the sums anew.
     running = ~states.done
@@ -127,11 +127,6 @@ def stale_under(params: DomainParams, old: DomainParams, stale: jax.Array) -> ja
     """Which beginnings are stale under new ranges: those drawn from others, and those that were already."""
     before, now = (jnp.stack(jax.tree.leaves(p), axis=1) for p in (old, params))
     return stale | (before != now).any(axis=(1, 2))
-
-
-def single(states: WorldsState) -> State:
-    """What the environment itself knows of the worlds, without what belongs to the batch."""
-    return State(**{name: getattr(states, name) for name in _STATE_FIELDS})
 
 
 def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent: jax.Array) -> Upcoming:
@@ -174,11 +169,8 @@ def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> S
     )
 
 
-_STATE_FIELDS = tuple(State.__dataclass_fields__)
-
-
 def _fields(state: State) -> dict[str, Any]:
-    return {name: getattr(state, name) for name in _STATE_FIELDS}
+    return {name: getattr(state, name) for name in FIELDS}
 
 
 def _episode_key(seed: jax.Array, episode: jax.Array) -> jax.Array:

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from maax_mjx.env import Environment
-from maax_mjx.parallel.episodes import WorldsState, advance, single
+from maax_mjx.parallel.episodes import WorldsState, advance
+from maax_mjx.state import plain
 
 Policy = Callable[..., Any]
 """`(state, key, *args) -> action`: of one world, its `State`, a key for this world and step, and what the rollout was
@@ -60,7 +61,7 @@ def unroll(
         return policy(state, jax.random.fold_in(key, t), *args)
 
     def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, dict[str, Any]]:
-        action = jax.vmap(act, in_axes=(0, 0, None))(single(states), keys, t)
+        action = jax.vmap(act, in_axes=(0, 0, None))(plain(states), keys, t)
         after = advance(env, states, action)
         return after, {name: _part(name, states, action, after) for name in keep}
 
