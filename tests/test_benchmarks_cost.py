@@ -9,7 +9,7 @@ import pytest
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import breakdown, fidelity, memory, plots, record
-from maax_mjx.benchmarks.profile import Event
+from maax_mjx.benchmarks.traces import Event, attribute, shares_of
 from maax_mjx.tasks.standard import standard
 
 HLO = """HloModule jit_roll
@@ -104,7 +104,7 @@ def test_pictures(folder, capsys):
 
 
 def test_operations_belong_to_the_innermost_layer_and_fusions_to_several():
-    shares = breakdown.shares_of(HLO)
+    shares = shares_of(HLO, breakdown.part_of)
     assert shares["fusion.1"] == {"lidar": 0.75, "the rest": 0.25}
     assert shares["callback.2"] == {"physics": 1.0}
     assert shares["while.3"] == {}, "its time is that of what it runs"
@@ -122,7 +122,7 @@ def test_operations_that_run_together_share_the_time():
         Event("memset", 35, 40, {}),
         Event("potrf", 40, 42, {"name": "jit(roll)/LockObjects/solve"}),
     ]
-    spent, window = breakdown.attribute(ran, breakdown.shares_of(HLO))
+    spent, window = attribute(ran, shares_of(HLO, breakdown.part_of), breakdown.part_of, breakdown.PARTS)
     assert {part: time for part, time in spent.items() if time} == {
         "physics": 13,
         "lidar": 1.5,
@@ -134,7 +134,7 @@ def test_operations_that_run_together_share_the_time():
     }
     assert window == sum(spent.values()) == 42
     with pytest.raises(RuntimeError, match="saw no operation"):
-        breakdown.attribute([], {})
+        attribute([], {}, breakdown.part_of, breakdown.PARTS)
 
 
 def test_the_largest_batch(monkeypatch):

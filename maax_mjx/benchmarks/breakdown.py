@@ -1,9 +1,6 @@
 """Where an env step of a game spends its time, by part: `python -m maax_mjx.benchmarks.breakdown --help`.
 
-From a profile of scanned env steps with staggered automatic resets. Layers name their operations (`jax.named_scope`),
-and compiled programs keep these names: an operation belongs to the innermost layer it is named by, and one that XLA
-fused from several belongs to each by the size of what it computes for it. At every instant the operations that run
-share the time, so that the parts and the idle time add up to the time traced, on any number of threads or streams.
+From a profile of scanned env steps with staggered automatic resets, whose layers name their operations; see `traces`.
 Tracing costs time itself: `traced_over_step` compares that sum with the same steps timed without it.
 """
 
@@ -11,14 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-import tempfile
 import time
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,11 +19,11 @@ import tyro
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.profile import Event, events
 from maax_mjx.benchmarks.step import draw_actions, env_roll
+from maax_mjx.benchmarks.traces import IDLE, attribute, shares_of, trace
 from maax_mjx.checks import check_count
 
-REST, IDLE, UNNAMED, RESET = "the rest", "idle", "unnamed", "layout and reset"
+REST, RESET = "the rest", "layout and reset"
 PARTS = {
     "physics": ("physics",),
     RESET: ("reset",),
@@ -44,9 +37,6 @@ PARTS = {
 }
 """The names of operations of every part. The rest is also what `Worlds` does, and what is copied from step to step."""
 PART_OF = {name: part for part, names in PARTS.items() for name in names}
-CONTAINERS = ("while", "conditional", "call")
-"""Operations whose time is that of others."""
-WARP_KERNEL = "_cuda_kernel_forward"
 KEY = ("env", "impl", "worlds")
 
 
@@ -114,10 +104,6 @@ class Row:
     compile_s: float
 
 
-Shares = dict[str, float]
-"""By part, the share of an operation's time; they add up to 1."""
-
-
 def measure(name: str, impl: str, n_worlds: int, config: Config) -> Row:
     """Times and traces a game's env steps."""
     env = maax.make(name, impl=impl, horizon=config.horizon)
@@ -135,14 +121,8 @@ def measure(name: str, impl: str, n_worlds: int, config: Config) -> Row:
     for i in range(1, n_turns + 1):
         states = jax.block_until_ready(program(states, actions, turn + i * config.traced, config.held))
     step_us = (time.perf_counter() - begun) / (n_turns * config.traced) * 1e6
-    # Python's own tracer would slow the steps down, and of them it tells nothing.
-    options = jax.profiler.ProfileOptions()
-    options.python_tracer_level = 0
-    with tempfile.TemporaryDirectory() as folder:
-        with jax.profiler.trace(folder, profiler_options=options):
-            jax.block_until_ready(program(states, actions, turn + (n_turns + 1) * config.traced, config.held))
-        ran = list(events(Path(folder)))
-    spent, window = attribute(ran, shares_of(program.as_text() or ""))
+    ran = trace(lambda: program(states, actions, turn + (n_turns + 1) * config.traced, config.held))
+    spent, window = attribute(ran, shares_of(program.as_text() or "", part_of), part_of, PARTS)
     traced_us = window / 1e3 / config.traced
     parts = {part: t / 1e3 / config.traced for part, t in spent.items()}
     return Row(
@@ -170,94 +150,6 @@ def part_of(source: str) -> str:
     if "reset" in words:
         return RESET
     return next((PART_OF[word] for word in reversed(words) if word in PART_OF), REST)
-
-
-class Instruction(NamedTuple):
-    """One line of a compiled program: an operation, and how much it computes."""
-
-    name: str
-    opcode: str
-    source: str
-    size: int
-    calls: str
-
-
-def instructions(text: str) -> Iterator[tuple[str, Instruction]]:
-    """Every instruction of an HLO text, with the name of its computation."""
-    computation = ""
-    for line in text.splitlines():
-        if opening := re.match(r"(?:ENTRY )?%([\w.\-]+) \(", line):
-            computation = opening[1]
-        elif (found := re.match(r"\s+(?:ROOT )?%([\w.\-]+) = (.*)", line)) and (
-            opcode := re.search(r" ([a-z][\w\-]*)\(", found[2])
-        ):
-            source = re.search(r'op_name="([^"]*)"', line)
-            calls = re.search(r"calls=%([\w.\-]+)", line)
-            shape = re.search(r"\[([\d,]*)\]", found[2])
-            size = math.prod(map(int, filter(None, shape[1].split(",")))) if shape else 1
-            yield (
-                computation,
-                Instruction(found[1], opcode[1], source[1] if source else "", size, calls[1] if calls else ""),
-            )
-
-
-def shares_of(text: str) -> dict[str, Shares]:
-    """By operation of a compiled program, whose parts it works for; containers work for none."""
-    inside: defaultdict[str, list[Instruction]] = defaultdict(list)
-    for computation, instruction in instructions(text):
-        inside[computation].append(instruction)
-    shares: dict[str, Shares] = {}
-    for instruction in (i for found in inside.values() for i in found):
-        if instruction.opcode in CONTAINERS:
-            shares[instruction.name] = {}
-            continue
-        weights: defaultdict[str, float] = defaultdict(float)
-        for i in inside.get(instruction.calls, ()):
-            if i.source and i.opcode not in ("parameter", "constant", "broadcast", "bitcast"):
-                weights[part_of(i.source)] += i.size
-        total = sum(weights.values())
-        shares[instruction.name] = (
-            {part: weight / total for part, weight in weights.items()} if total else {part_of(instruction.source): 1.0}
-        )
-    return shares
-
-
-def attribute(ran: Iterable[Event], shares: Mapping[str, Shares]) -> tuple[dict[str, float], float]:
-    """Nanoseconds by part, and from the first operation to the last. What runs at the same time shares it."""
-    by_kernel = {re.sub(r"\W", "_", name): share for name, share in shares.items()}
-
-    def share_of(event: Event) -> Shares:
-        for name in (str(event.stats.get("hlo_op", "")), event.name):
-            share = shares.get(name, by_kernel.get(name))
-            if share is not None:
-                return share
-        if source := event.stats.get("name"):
-            return {part_of(str(source)): 1.0}
-        # Warp launches its own kernels, and does nothing but physics.
-        return {"physics" if event.name.endswith(WARP_KERNEL) else UNNAMED: 1.0}
-
-    busy = [(event, share) for event in ran if event.end > event.start and (share := share_of(event))]
-    if not busy:
-        raise RuntimeError("breakdown: the profiler saw no operation of the program on this device")
-    edges = sorted(
-        [(event.start, True, i) for i, (event, _) in enumerate(busy)]
-        + [(event.end, False, i) for i, (event, _) in enumerate(busy)]
-    )
-    spent = dict.fromkeys([*PARTS, UNNAMED, IDLE], 0.0)
-    running: dict[int, Shares] = {}
-    last = first = edges[0][0]
-    for now, begins, i in edges:
-        for share in running.values():
-            for part, weight in share.items():
-                spent[part] += weight * (now - last) / len(running)
-        if not running:
-            spent[IDLE] += now - last
-        last = now
-        if begins:
-            running[i] = busy[i][1]
-        else:
-            running.pop(i, None)
-    return spent, last - first
 
 
 def shown(row: Row) -> str:

@@ -48,7 +48,7 @@ class Config:
         rounds: turns, of which medians are reported; every round resets once and steps `steps` times.
         steps: physics steps per round.
         bare: whether to time steps of the engine alone as well, as `benchmarks/step.py` does: `mujoco.batch.Batch.step`
-            for `c`, a scanned `mjx.step` that carries its mjx.Data for `jax` and `warp`.
+            for `c`, a scanned engine step that carries its mjx.Data for `jax` and `warp`.
         out: JSON file to write; nothing is written without one.
     """
 

@@ -1,24 +1,32 @@
-"""Where a bare `mjx.step` spends its time, by contact points: `python -m maax_mjx.benchmarks.profile --help`."""
+"""Where a step of MJX's JAX physics spends its time: `python -m maax_mjx.benchmarks.profile --help`."""
 
 from __future__ import annotations
 
-import tempfile
+import math
+import re
 import time
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import tyro
+from mujoco import mjx
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import DISTINCT, bare_roll, draw_actions
+from maax_mjx.benchmarks.step import draw_actions, mjx_roll
+from maax_mjx.benchmarks.traces import attribute, shares_of, trace
+from maax_mjx.checks import check_choice
+from maax_mjx.physics.engine import MjxEngine
 
-HELD = 20
+STAGES = ("fwd_position", "fwd_velocity", "fwd_actuation", "fwd_acceleration", "solve", "euler")
+LINES, FACTOR, REST = "solve: line searches", "solve: factorisation", "the rest"
+PARTS = (*STAGES, LINES, FACTOR, REST)
+SOLVERS = ("newton", "mjx")
+KEY = ("worlds", "contacts", "solver")
 
 
 @dataclass
@@ -26,112 +34,113 @@ class Config:
     """Options.
 
     Attributes:
-        impl: the engine, jax or warp.
-        worlds: batch size.
-        contacts: contact points per world that there is room for.
-        steps: timed steps, after as many to warm up.
-        traced: steps under the profiler; 0 leaves the profile out.
-        top: how many of the longest operations to list.
+        worlds: batch sizes.
+        contacts: contact points per world that there is room for; 0 is the environment's own choice.
+        solver: "newton", the engine's own, or "mjx", plain `mjx.step`.
+        held: for how many steps a full-force action is held.
+        steps: timed steps, after as many to warm up; a multiple of `traced`.
+        traced: steps under the profiler.
+        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
         out: JSON file to write; nothing is written without one.
     """
 
-    impl: str = "jax"
-    worlds: int = 16_384
-    contacts: tuple[int, ...] = (24, 32)
-    steps: int = 60
-    traced: int = 5
-    top: int = 15
+    worlds: tuple[int, ...] = (16_384,)
+    contacts: tuple[int, ...] = (0,)
+    solver: tuple[str, ...] = SOLVERS
+    held: int = 20
+    steps: int = 120
+    traced: int = 20
+    max_minutes: float = math.inf
     out: Path | None = None
 
 
 @dataclass
 class Row:
-    """One capacity: time of a step of all worlds, and of the longest operations, in microseconds a step."""
+    """One step of all worlds, times in microseconds.
 
-    impl: str
+    Attributes:
+        worlds, contacts, solver: what ran.
+        step_us: without the profiler.
+        steps_per_s: all worlds added.
+        compile_s: compilation of the step.
+        parts_us: under the profiler, by stage of `mjx.step`. Of "solve", the factorisations of its matrices and the
+            loops inside its iterations, which are line searches, are counted apart.
+    """
+
     worlds: int
     contacts: int
+    solver: str
     step_us: float
     steps_per_s: float
     compile_s: float
-    operations: dict[str, float]
+    parts_us: dict[str, float]
 
 
-def measure(contacts: int, config: Config) -> Row:
-    """Times and traces held actions with room for `contacts`."""
-    env = maax.make("standard", impl=config.impl, contacts_per_world=contacts).base
+def measure(n_worlds: int, contacts: int, solver: str, config: Config) -> Row:
+    """Times and traces held actions."""
+    env = maax.make("standard", impl="jax", contacts_per_world=contacts or None).base
+    assert isinstance(env.engine, MjxEngine)
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), n_worlds))
+    advance = mjx.step if solver == "mjx" else env.engine.mjx_step
+    start, roll = mjx_roll(env.engine, env.agents.ctrl_ids.reshape(-1), advance=advance)
+    actions, turn = draw_actions(env, n_worlds, config.held), jnp.arange(config.traced)
+    data = start(states.world.fields, states.data)
     begun = time.perf_counter()
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), config.worlds))
-    start, roll = bare_roll(env)
-    actions = draw_actions(env, config.worlds, HELD)
-    data = start(states)
-    steps = jnp.arange(config.steps)
-    data = jax.block_until_ready(roll(data, actions, steps, HELD))
+    program = roll.lower(data, actions, turn, config.held).compile()
     compile_s = time.perf_counter() - begun
+    n_turns = max(1, config.steps // config.traced)
+    for i in range(n_turns):
+        data = program(data, actions, turn + i * config.traced, config.held)
+    jax.block_until_ready(data)
     begun = time.perf_counter()
-    data = jax.block_until_ready(roll(data, actions, steps + config.steps, HELD))
-    step_us = (time.perf_counter() - begun) / config.steps * 1e6
-    operations: dict[str, float] = {}
-    if config.traced:
-        steps = jnp.arange(config.traced) + DISTINCT
-        data = jax.block_until_ready(roll(data, actions, steps, HELD))
-        with tempfile.TemporaryDirectory() as folder:
-            with jax.profiler.trace(folder):
-                jax.block_until_ready(roll(data, actions, steps, HELD))
-            operations = {k: v / config.traced for k, v in longest(Path(folder), config.top).items()}
+    for i in range(n_turns, 2 * n_turns):
+        data = program(data, actions, turn + i * config.traced, config.held)
+    jax.block_until_ready(data)
+    step_us = (time.perf_counter() - begun) / (n_turns * config.traced) * 1e6
+    ran = trace(lambda: program(data, actions, turn + 2 * n_turns * config.traced, config.held))
+    spent, _ = attribute(ran, shares_of(program.as_text() or "", part_of), part_of, PARTS)
     return Row(
-        impl=config.impl,
-        worlds=config.worlds,
+        worlds=n_worlds,
         contacts=contacts,
-        step_us=round(step_us),
-        steps_per_s=round(config.worlds / step_us * 1e6),
+        solver=solver,
+        step_us=round(step_us, 1),
+        steps_per_s=round(n_worlds / step_us * 1e6),
         compile_s=round(compile_s, 1),
-        operations={k: round(v, 1) for k, v in operations.items()},
+        parts_us={part: round(t / 1e3 / config.traced, 1) for part, t in spent.items()},
     )
 
 
-class Event(NamedTuple):
-    """One execution of an operation, its times in nanoseconds."""
-
-    name: str
-    start: float
-    end: float
-    stats: dict[str, Any]
-
-
-def events(folder: Path) -> Iterator[Event]:
-    """What a trace in `folder` saw run: on the devices' streams, or where JAX computes on the CPU, on its threads."""
-    path = max(folder.rglob("*.xplane.pb"))
-    for plane in jax.profiler.ProfileData.from_file(str(path)).planes:
-        on_device = plane.name.startswith("/device:")
-        for line in plane.lines:
-            if on_device and not line.name.startswith("Stream"):
-                continue
-            for event in line.events:
-                stats = dict(event.stats)
-                if on_device or "hlo_op" in stats:
-                    yield Event(event.name, event.start_ns, event.start_ns + event.duration_ns, stats)
+def part_of(source: str) -> str:
+    """The stage that an operation belongs to, from the path of scopes it was written in."""
+    words = re.findall(r"\w+", source)
+    stage = next((word for word in reversed(words) if word in STAGES), REST)
+    if stage != "solve":
+        return stage
+    inside = words[words.index("solve") :]
+    if any("cho" in word for word in inside):
+        return FACTOR
+    return LINES if "line_search" in inside or inside.count("while") > 1 else "solve"
 
 
-def longest(folder: Path, top: int) -> dict[str, float]:
-    """Microseconds by operation, the longest first, with the source they come from."""
-    spent: defaultdict[str, float] = defaultdict(float)
-    for event in events(folder):
-        source = str(event.stats.get("name", ""))[-90:]
-        spent[f"{event.name[:80]} | {source}"] += (event.end - event.start) / 1e3
-    return dict(sorted(spent.items(), key=lambda item: -item[1])[:top])
+def shown(row: Row) -> str:
+    """A line about a row, the largest parts first."""
+    parts = sorted(row.parts_us.items(), key=lambda item: -item[1])
+    listed = ", ".join(f"{part} {us:,.0f}" for part, us in parts if us >= 1)
+    return f"{row.worlds} worlds, {row.solver}: {row.step_us:,.0f} us, {row.steps_per_s:,.0f} steps/s: {listed}"
+
+
+def cases(config: Config) -> Iterator[tuple[int, int, str]]:
+    """What is to be measured."""
+    for solver in config.solver:
+        check_choice("solver", solver, SOLVERS)
+    yield from product(config.worlds, config.contacts, config.solver)
 
 
 def main(config: Config) -> None:
-    """Measures every capacity, prints it, and writes the JSON after each."""
-    rows = []
-    for contacts in config.contacts:
-        rows.append(measure(contacts, config))
-        row = rows[-1]
-        print(f"{row.impl} {row.contacts} contacts: {row.step_us:,.0f} us a step, {row.steps_per_s:,.0f} steps/s")
-        for name, spent in row.operations.items():
-            print(f"  {spent:10,.1f} us  {name}", flush=True)
-        record.write(config.out, config, rows)
+    """Measures what the file lacks, prints it, and writes the JSON after each row."""
+    record.sweep(
+        config, Row, KEY, cases(config), lambda n, contacts, solver: measure(n, contacts, solver, config), shown
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """How much an env step costs over a bare engine step: `python -m maax_mjx.benchmarks.step --help`.
 
 Both step the same model in the same batch, in turns within one run, under the same forces. Bare is the engine alone:
-a loop of `mujoco.batch.Batch.step` for `c`, a scanned, vmapped `mjx.step` that carries its mjx.Data for `jax` and
+a loop of `mujoco.batch.Batch.step` for `c`, a scanned, vmapped engine step that carries its mjx.Data for `jax` and
 `warp`. An env step adds the overlay, fault containment, poses, observations and automatic resets with new layouts; it
 is scanned too.
 """
@@ -156,8 +156,14 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     return lambda states: start(states.world.fields, states.data), roll
 
 
-def mjx_roll(engine: MjxEngine, ids: np.ndarray, n_frames: int = 1) -> tuple[Callable[[Fields, Data], Any], Roll]:
-    """`mjx.step` of a batch, its forces written to the controls `ids`; and what it starts from."""
+def mjx_roll(
+    engine: MjxEngine,
+    ids: np.ndarray,
+    n_frames: int = 1,
+    advance: Callable[[mjx.Model, mjx.Data], mjx.Data] | None = None,
+) -> tuple[Callable[[Fields, Data], Any], jax.stages.Wrapped]:
+    """The engine's step (or another) of a batch, its forces written to the controls `ids`; and what it starts from."""
+    advance = advance or engine.mjx_step
 
     def start(fields: Fields, states: Data) -> tuple[Fields, mjx.Data]:
         n_worlds = states.time.shape[0]
@@ -167,7 +173,7 @@ def mjx_roll(engine: MjxEngine, ids: np.ndarray, n_frames: int = 1) -> tuple[Cal
         fields, data = carry
 
         def frame(data: mjx.Data, _: None) -> tuple[mjx.Data, None]:
-            return jax.vmap(lambda f, d: mjx.step(engine.mjx_model(f), d))(fields, data), None
+            return jax.vmap(lambda f, d: advance(engine.mjx_model(f), d))(fields, data), None
 
         def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
             forces = at(actions, i, held)["forces"]

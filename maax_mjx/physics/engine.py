@@ -94,7 +94,11 @@ class Engine(ABC):
 
 
 class MjxEngine(Engine):
-    """An engine whose step is `mjx.step`."""
+    """An engine whose step is `mjx.step`, or does what it does."""
+
+    def mjx_step(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
+        """A physics step of one world, without what an environment needs of it."""
+        return mjx.step(model, data)
 
     @abstractmethod
     def mjx_model(self, fields: Fields) -> mjx.Model:

@@ -90,6 +90,6 @@ class WarpEngine(MjxEngine):
         model = self.mjx_model(world.fields)
         d, overflow = self.mjx_data(data, n_worlds), jnp.zeros((), bool)
         for _ in range(n_frames):
-            d = mjx.step(model, d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int))))
+            d = self.mjx_step(model, d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int))))
             overflow |= (d._impl.overflow & CONTACTS_LOST) != 0
         return data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart), overflow

@@ -1,0 +1,162 @@
+"""Newton's method for MuJoCo's constraints on accelerators: the minimum that `mjx.solve` looks for, in less time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from mujoco import mjx
+
+POINTS = np.array([0, 1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 7 / 8, 1, 3 / 2, 2, 3, 4, 8, 16])
+"""Step lengths that a line search looks at first."""
+PARTS = np.linspace(0, 1, 18)[1:-1]
+"""Of the interval that is left, where it looks next."""
+HALVINGS = 4
+"""How often a pass halves the interval, each halving being an iteration of a line search."""
+MAX_PASSES = 3
+"""After which the interval is so short that hardly a row changes in it."""
+
+
+class Point(NamedTuple):
+    """Where the solver is.
+
+    Attributes:
+        qacc: (nv,) acceleration.
+        ma: (nv,) inertia matrix times `qacc`.
+        jar: (nefc,) constraint rows times `qacc`, less their reference.
+        active: (nefc,) bool, the rows that push.
+        grad: (nv,) gradient of the cost.
+        cost: ().
+    """
+
+    qacc: jax.Array
+    ma: jax.Array
+    jar: jax.Array
+    active: jax.Array
+    grad: jax.Array
+    cost: jax.Array
+
+
+class Progress(NamedTuple):
+    """The loop's carry: the point, how many steps were made, and whether it is the last."""
+
+    point: Point
+    n: jax.Array
+    done: jax.Array
+
+
+def applies(model: mujoco.MjModel) -> bool:
+    """Whether `step` takes a model: Euler's method, and costs that pyramidal cones without friction loss have."""
+    option = model.opt
+    return (
+        option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+        and option.integrator == mujoco.mjtIntegrator.mjINT_EULER
+        and option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+        and not (model.dof_frictionloss.any() or model.tendon_frictionloss.any())
+    )
+
+
+def step(m: mjx.Model, d: mjx.Data) -> mjx.Data:
+    """`mjx.step` without sensors, with `solve` for `mjx.solve`."""
+    for stage in (mjx.fwd_position, mjx.fwd_velocity, mjx.fwd_actuation, mjx.fwd_acceleration):
+        d = stage(m, d)
+    with jax.named_scope("solve"):
+        d = solve(m, d) if d._impl.efc_J.size else d.replace(qacc=d.qacc_smooth)
+    return mjx.euler(m, d)
+
+
+def solve(m: mjx.Model, d: mjx.Data) -> mjx.Data:
+    """Finds the accelerations at which constraint forces, inertia and other forces balance.
+
+    The cost that MuJoCo minimises (MuJoCo documentation, Computation, "Primal problem") is convex, and quadratic
+    between the places where rows begin or cease to push. So a full Newton step after which the same rows push has found
+    the minimum, and the slope along a line never falls, which makes a line search a search for one zero.
+
+    Args:
+        m: a model to which `applies` applies.
+        d: data with the rows of `mjx.fwd_position` and the forces of `mjx.fwd_acceleration`.
+
+    Returns:
+        The data with `qacc` and `qfrc_constraint`.
+    """
+    rows, inertia = d._impl.efc_J, mjx.full_m(m, d)
+    weight, reference = d._impl.efc_D, d._impl.efc_aref
+    always = np.arange(rows.shape[0]) < d._impl.ne
+    passes = int(np.clip(-(-m.opt.ls_iterations // HALVINGS), 1, MAX_PASSES))
+    scale = 1 / jnp.maximum(jnp.trace(inertia), mujoco.mjMINVAL)
+
+    def pushes(jar: jax.Array) -> jax.Array:
+        return (jar < 0) | always.reshape(-1, *[1] * (jar.ndim - 1))
+
+    def at(qacc: jax.Array, ma: jax.Array, jar: jax.Array) -> Point:
+        active = pushes(jar)
+        pushed = jnp.where(active, weight * jar, 0)
+        excess = ma - d.qfrc_smooth
+        cost = 0.5 * jnp.dot(pushed, jar) + 0.5 * jnp.dot(excess, qacc - d.qacc_smooth)
+        return Point(qacc, ma, jar, active, excess + rows.T @ pushed, cost)
+
+    def start(qacc: jax.Array) -> Point:
+        return at(qacc, inertia @ qacc, rows @ qacc - reference)
+
+    def improve(progress: Progress) -> Progress:
+        before = progress.point
+        hessian = inertia + (rows.T * jnp.where(before.active, weight, 0)) @ rows
+        factor = jax.scipy.linalg.cho_factor((hessian + hessian.T) * 0.5)
+        search = -jax.scipy.linalg.cho_solve(factor, before.grad)
+        ms, js = inertia @ search, rows @ search
+        settled = (pushes(before.jar + js) == before.active).all()
+        slope, curvature = jnp.dot(search, before.ma - d.qfrc_smooth), jnp.dot(search, ms)
+
+        def slopes(steps: jax.Array) -> jax.Array:
+            there = before.jar[:, None] + js[:, None] * steps
+            pushed = jnp.where(pushes(there), there, 0)
+            return slope + steps * curvature + (weight * js) @ pushed
+
+        with jax.named_scope("line_search"):
+            step = jnp.where(settled, 1.0, _zero(slopes, passes, before.jar.dtype))
+        after = at(before.qacc + step * search, before.ma + step * ms, before.jar + step * js)
+        better = settled | (after.cost < before.cost)
+        small = ((before.cost - after.cost) * scale < m.opt.tolerance) | (
+            jnp.linalg.norm(after.grad) * scale < m.opt.tolerance
+        )
+        n = progress.n + 1
+        point = jax.tree.map(lambda old, new: jnp.where(better, new, old), before, after)
+        return Progress(point, n, settled | small | ~better | (n >= m.opt.iterations))
+
+    warm, smooth = start(d.qacc_warmstart), start(d.qacc_smooth)
+    if m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_WARMSTART:
+        first = smooth
+    else:
+        first = jax.tree.map(lambda a, b: jnp.where(warm.cost < smooth.cost, a, b), warm, smooth)
+    # At least one step: the warm start, where that is the minimum already, would have no derivative.
+    begun = Progress(first, jnp.zeros((), jnp.int32), jnp.zeros((), bool))
+    last = jax.lax.while_loop(lambda progress: ~progress.done, improve, begun).point
+    return d.replace(qacc=last.qacc, qfrc_constraint=last.ma - d.qfrc_smooth - last.grad)
+
+
+def _zero(slopes: Callable[[jax.Array], jax.Array], passes: int, dtype: Any) -> jax.Array:
+    """The step length at which a slope that does not fall is zero.
+
+    Looks at many lengths at once, where a bisection would wait for one after the other: what takes time on an
+    accelerator is the number of passes over the rows, not their arithmetic.
+    """
+    steps, parts = jnp.asarray(POINTS, dtype), jnp.asarray(PARTS, dtype)
+    low, high = _around_zero(steps, slopes(steps))
+    for _ in range(passes - 1):
+        steps = low[0] + (high[0] - low[0]) * parts
+        low, high = _around_zero(
+            jnp.concatenate([low[:1], steps, high[:1]]), jnp.concatenate([low[1:], slopes(steps), high[1:]])
+        )
+    # Between neighbours the slope is a straight line, unless a row begins or ceases to push just there.
+    return low[0] + (high[0] - low[0]) * jnp.clip(-low[1] / jnp.maximum(high[1] - low[1], mujoco.mjMINVAL), 0, 1)
+
+
+def _around_zero(steps: jax.Array, slopes: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The neighbours (length, slope) between which the slopes, which do not fall, pass zero."""
+    first = jnp.clip(jnp.sum(slopes[1:-1] < 0), 0, len(steps) - 2)
+    pairs = jnp.stack([steps, slopes], axis=1)
+    return pairs[first], pairs[first + 1]
