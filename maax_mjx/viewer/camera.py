@@ -44,7 +44,9 @@ class Camera(NamedTuple):
         return np.stack([width / 2 + away @ right * scale, height / 2 - away @ self.up * scale], axis=1)
 
 
-def place_camera(camera: str | Mapping[str, Any], extent: np.ndarray, size: tuple[int, int]) -> Camera:
+def place_camera(
+    camera: str | Mapping[str, Any], extent: np.ndarray, size: tuple[int, int], words: float = 0.0
+) -> Camera:
     """A camera that has all worlds in its picture.
 
     Args:
@@ -52,6 +54,7 @@ def place_camera(camera: str | Mapping[str, Any], extent: np.ndarray, size: tupl
             them (azimuth 90 looks along y, elevation -90 down), distance in metres and lookat (3,).
         extent: (2,) metres along x and y from the origin that the worlds cover.
         size: width and height in pixels.
+        words: metres of words above the far edge, which are to be in the picture too.
 
     Raises:
         ValueError: a camera that there is not.
@@ -69,7 +72,7 @@ def place_camera(camera: str | Mapping[str, Any], extent: np.ndarray, size: tupl
     if lookat.shape != (3,) or not np.isfinite([*lookat, azimuth, elevation]).all() or not 0 < distance < np.inf:
         raise ValueError(f"camera: got {camera!r}; takes finite numbers, a distance above 0, and a lookat of three")
     looking = _looking(azimuth, elevation, float(distance), lookat)
-    return looking if "distance" in given else _step_back(looking, extent, size)
+    return looking if "distance" in given else _step_back(looking, extent, size, words)
 
 
 def _looking(azimuth: float, elevation: float, distance: float, lookat: np.ndarray) -> Camera:
@@ -79,10 +82,11 @@ def _looking(azimuth: float, elevation: float, distance: float, lookat: np.ndarr
     return Camera(lookat - distance * forward, forward, up, lookat)
 
 
-def _step_back(camera: Camera, extent: np.ndarray, size: tuple[int, int]) -> Camera:
+def _step_back(camera: Camera, extent: np.ndarray, size: tuple[int, int], words: float) -> Camera:
     """The camera as far away as it takes to see all corners, with a margin."""
     x, y = extent
-    corners = np.array([[i * x, j * y, z] for i in (0, 1) for j in (0, 1) for z in (0.0, ROOM)]) - camera.lookat
+    corners = np.array([[i * x, j * y, z] for i in (0, 1) for j in (0, 1) for z in (0.0, ROOM + j * words)])
+    corners -= camera.lookat
     tangent = np.tan(np.radians(FOVY) / 2) * 0.95
     right = np.cross(camera.forward, camera.up)
     sideways = np.maximum(np.abs(corners @ right) * size[1] / size[0], np.abs(corners @ camera.up))

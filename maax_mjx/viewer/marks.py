@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import jax
 import numpy as np
 
-from maax_mjx.modules import Entities, Flags
+from maax_mjx.modules import Entities, Flags, Ramps
 from maax_mjx.state import State
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.palette import Colour, blend
@@ -25,6 +25,7 @@ TINT = 0.4
 """How much of its owner's colour a locked object takes."""
 CONE_REACH = 1.5
 """Metres to which vision cones are drawn; what agents see does not end there."""
+CONE_OPACITY = 0.2
 POLE = 0.7
 HAND, BETWEEN, REACH = 0.05, 0.07, 0.19
 """Metres: a hand's radius, and where the two are of an agent that holds something."""
@@ -72,6 +73,7 @@ class Marks:
         self._flags(state, marked)
         self._seen(state, marked)
         self._rays(state, marked)
+        self._slopes(state, marked)
         return marked
 
     def tint(self, state: State, module: Entities, slot: int, rgba: Colour) -> Colour:
@@ -183,7 +185,7 @@ class Marks:
             if not sees[agent, agent]:
                 continue
             name, here = stage.agents.names[agent], stage.position(state, stage.agents.body_ids[agent])
-            rgba = (*stage.colours[agent][:3], 0.28)
+            rgba = (*stage.colours[agent][:3], CONE_OPACITY)
             shape = Shape("sector", (CONE_REACH, float(self._sight.half_cone)), rgba)
             # Cones that overlap lie at different heights.
             on_floor = np.array([here[0], here[1], 0.012 + 0.003 * agent])
@@ -204,6 +206,36 @@ class Marks:
             points = np.stack([np.broadcast_to(here, ends.shape), ends], axis=1)
             rgba = (*stage.colours[agent][:3], 0.6)
             marked.lines.append(Line(f"{stage.agents.names[agent]}:rays", "ray", points, rgba, 0.008))
+
+    def _slopes(self, state: State, marked: Marked) -> None:
+        """An arrow up every ramp, whose slope is hard to see from some sides."""
+        stage = self._stage
+        for module in stage.base.modules.values():
+            if not isinstance(module, Ramps):
+                continue
+            for slot in np.flatnonzero(np.asarray(state.world.active[module.kind])):
+                geom = int(module.geom_ids[slot])
+                rotation = np.asarray(state.data.geom_xmat[geom], float).reshape(3, 3)
+                corners = stage.meshes[int(stage.model.geom_dataid[geom])][0] @ rotation.T
+                corners += np.asarray(state.data.geom_xpos[geom], float)
+                foot, tip = uphill(corners)
+                side = np.cross(tip - foot, corners.mean(axis=0) - foot)
+                side *= 0.12 / max(float(np.linalg.norm(side)), 1e-9)
+                back = foot + 0.6 * (tip - foot)
+                points = np.array([[foot, tip], [tip, back + side], [tip, back - side]])
+                marked.lines.append(Line(f"{module.names[slot]}:slope", "slope", points, palette.DARK, 0.024))
+
+
+def uphill(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) foot and (3,) tip of an arrow on the slope of a wedge, from its corners (n, 3) in metres."""
+    upper = np.unique(corners[corners[:, 2] > corners[:, 2].mean()].round(4), axis=0)
+    lower = np.unique(corners[corners[:, 2] <= corners[:, 2].mean()].round(4), axis=0)
+    top = upper.mean(axis=0)
+    # Of the lower corners, the two that are furthest from the upper edge.
+    away = np.linalg.norm((lower - top)[:, :2], axis=1)
+    bottom = lower[np.argsort(away)[-2:]].mean(axis=0)
+    way, lift = top - bottom, up(0.012)
+    return bottom + 0.2 * way + lift, bottom + 0.8 * way + lift
 
 
 def _padlock(name: str, foot: np.ndarray, rgba: Colour) -> list[Part]:

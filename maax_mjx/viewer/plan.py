@@ -160,19 +160,18 @@ def _draw_solid(ax: Axes, stage: Stage, part: Part) -> None:
         corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * shape.size
         ax.add_patch(Polygon((pos + corners @ mat.T)[:, :2], **style))
         return
-    # A ramp: its outline, and an arrow up its slope. The corners come from the compiled mesh, which has a frame of its
-    # own.
-    corners = stage.meshes[shape.mesh][0] @ mat.T + pos
-    around = corners[:, :2]
-    middle = (around.min(axis=0) + around.max(axis=0)) / 2
-    offset = around - middle
+    # The corners come from the compiled mesh, which has a frame of its own.
+    around = (stage.meshes[shape.mesh][0] @ mat.T + pos)[:, :2]
+    offset = around - (around.min(axis=0) + around.max(axis=0)) / 2
     ax.add_patch(Polygon(around[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))], **style))
-    top = corners[corners[:, 2] > corners[:, 2].mean(), :2].mean(axis=0)
-    arrow = dict(arrowstyle="->", color=palette.DARK, linewidth=0.9)
-    ax.annotate("", top, 2 * middle - top, arrowprops=arrow, zorder=zorder + 0.1)
 
 
 def _draw_line(ax: Axes, line: Line) -> None:
+    if line.role == "slope":
+        foot, tip = line.points[0, :, :2]
+        arrow = dict(arrowstyle="->", color=line.rgba, linewidth=0.9)
+        ax.annotate("", tip, foot, arrowprops=arrow, zorder=3.1 + line.points[0, 0, 2])
+        return
     style = ":" if line.role == "hold" else "-"
     for ends in line.points:
         zorder = 5 + ends[0, 2] if line.role == "heading" else 7

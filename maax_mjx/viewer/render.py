@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ def video(
 
     Raises:
         ValueError: an argument out of its range, states of another environment, a sense that it does not have.
-        MissingLibraryError: "3d" without OpenGL, or an .mp4 without imageio-ffmpeg.
+        MissingLibraryError: "3d" without OpenGL, or an .mp4 without PyAV.
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -183,19 +184,16 @@ def _write_gif(path: Path, pictures: Iterator[np.ndarray], rate: float, size: Si
 
 def _write_mp4(path: Path, pictures: Iterator[np.ndarray], rate: float, size: Size) -> None:
     try:
-        import imageio_ffmpeg
+        import av
     except ImportError as error:
         raise MissingLibraryError(
-            f"path: got {str(path)!r} and imageio-ffmpeg is not installed ({error}); "
+            f"path: got {str(path)!r} and PyAV is not installed ({error}); "
             'pip install "maax_mjx[viewer]" brings it; a .gif needs none'
         ) from error
-    # One macro block is 16 pixels wide; other sizes are written as they are.
-    writer = imageio_ffmpeg.write_frames(
-        str(path), tuple(size), fps=rate, codec="libx264", quality=8, macro_block_size=2, ffmpeg_log_level="error"
-    )
-    writer.send(None)
-    try:
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx264", rate=Fraction(rate).limit_denominator(10_000))
+        stream.width, stream.height, stream.pix_fmt = size[0], size[1], "yuv420p"
+        stream.options = {"crf": "20"}
         for picture in pictures:
-            writer.send(np.ascontiguousarray(picture))
-    finally:
-        writer.close()
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        file.mux(stream.encode())

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_count, check_positive
+from maax_mjx.checks import check_bool, check_count, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer import palette
@@ -24,6 +24,8 @@ from maax_mjx.viewer.stage import Stage
 FPS = 30
 HEIGHT = 500
 SHAPE_OF_PAGE = (16, 10)
+WORDS = 0.2
+"""Height of the words above a world, as a share of its edge."""
 STILL = 1e-4
 """Metres, and parts of a quaternion, by which something has to move to be written down."""
 
@@ -69,6 +71,7 @@ def replay(
     vision: bool = False,
     lidar: bool = False,
     camera: str | Mapping[str, Any] = "default",
+    shadows: bool = True,
 ) -> Replay:
     """Makes a web page that plays worlds: with play, pause, a time line, speeds, and a camera to turn by mouse.
 
@@ -86,6 +89,7 @@ def replay(
         lidar: whether to show the rays of `Lidar`, which it needs.
         camera: where it begins: "default", "top", or a dict with any of azimuth and elevation in degrees, distance in
             metres and lookat (3,).
+        shadows: whether things cast shadows, which take a browser without a GPU most of its time.
 
     Returns:
         The page. At the end of a notebook's cell it shows itself.
@@ -94,6 +98,7 @@ def replay(
         ValueError: an argument out of its range, states of another environment, a sense that it does not have.
         MissingLibraryError: viser is not installed.
     """
+    shadows = check_bool("shadows", shadows)
     speed, fps = check_positive("speed", speed), check_count("fps", fps, minimum=1)
     stage = Stage(env, vision=vision, lidar=lidar)
     shown = film(env, states, worlds, stage.dt)
@@ -103,7 +108,7 @@ def replay(
     places = offsets(n_worlds, edge)
     extent = places.max(axis=0)[:2] + edge
     with _server() as server:
-        page = _Page(server, stage, place_camera(camera, extent, SHAPE_OF_PAGE))
+        page = _Page(server, stage, place_camera(camera, extent, SHAPE_OF_PAGE, WORDS * edge), shadows)
         last = 0.0
         for states_now, returns, time in zip(shown.states, shown.returns, shown.times / speed, strict=True):
             page.wait(float(time) - last)
@@ -121,7 +126,7 @@ def replay(
 
 @contextmanager
 def _server() -> Iterator[Any]:
-    """The server of viser, which its scenes are made with: on this machine alone, at a free port, silent."""
+    """The server of viser, without which it makes no scenes: for this machine alone, at a free port, silent."""
     try:
         import rich
         import viser
@@ -144,14 +149,14 @@ def _server() -> Iterator[Any]:
 class _Page:
     """Writes frames into a viser scene: what is new is added, what moved is moved, what is gone is hidden."""
 
-    def __init__(self, server: Any, stage: Stage, camera: Camera):
+    def __init__(self, server: Any, stage: Stage, camera: Camera, shadows: bool):
         self._scene, self._stage = server.scene, stage
         self._nodes: dict[Any, Any] = {}
         self._used: set[Any] = set()
         start = server.initial_camera
         start.position, start.look_at, start.fov = tuple(camera.position), tuple(camera.lookat), np.radians(FOVY)
         start.up = (0.0, 0.0, 1.0)
-        self._scene.configure_default_lights(enabled=True, cast_shadow=True)
+        self._scene.configure_default_lights(enabled=True, cast_shadow=shadows)
         self._serializer = server.get_scene_serializer()
 
     def wait(self, seconds: float) -> None:

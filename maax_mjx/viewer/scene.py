@@ -55,7 +55,7 @@ class Line(NamedTuple):
 
     Attributes:
         name: unique in its frame, and the same in all frames.
-        role: "heading", "hold", "ray" or "sight".
+        role: "heading", "slope", "hold", "ray" or "sight".
         points: (n, 2, 3) ends in metres.
         rgba: their colour.
         width: metres.

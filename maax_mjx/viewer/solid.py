@@ -27,9 +27,9 @@ GEOMS = {
 SECTOR_STEPS = 16
 SAMPLES, SHADOW = 8, 4096
 FLOOR_DEPTH, GRID_WIDTH, GRID_HEIGHT = 0.05, 0.012, 0.003
-LIGHTS = ((0.38, 0.18), (0.0, 0.52))
+LIGHTS = ((0.36, 0.24), (0.0, 0.5))
 """Ambient and diffuse share of the light at the eye, and of the sun."""
-SUN = np.array([0.45, 0.35, -1.0])
+SUN = np.array([0.55, -0.15, -1.0])
 
 
 class Solid:
@@ -53,7 +53,7 @@ class Solid:
         self._size, self._edge = size, edge
         self._offsets = offsets(n, edge)
         extent = self._offsets.max(axis=0)[:2] + edge
-        self._camera = place_camera(camera, extent, size)
+        self._camera = place_camera(camera, extent, size, 0.2 * edge if n > 1 else 0.0)
         # Shadows are sized by the model's extent, and the parked entities of the compiled one are far away.
         self._model = copy.copy(stage.model)
         self._model.stat.extent = float(np.linalg.norm(extent)) / 1.4
@@ -141,20 +141,17 @@ class Solid:
             for i in range(1, len(corners) - 1):
                 self._add_triangle(corners[0], corners[i], corners[i + 1], shape.rgba)
             return
-        sizes = {
-            "box": lambda size: size, "sphere": lambda size: size * 3, "mesh": lambda size: (1.0, 1.0, 1.0),
-            "cylinder": lambda size: (size[0], size[0], size[1]), "capsule": lambda size: (size[0], size[0], size[1]),
-        }  # fmt: skip
-        geom = self._add(GEOMS[shape.kind], sizes[shape.kind](shape.size), position, part.rotation, shape.rgba)
+        geom = self._add(GEOMS[shape.kind], shape.size or (1.0,) * 3, position, part.rotation, shape.rgba)
         # Of every mesh the context has two: the mesh and its convex hull.
         geom.dataid = 2 * shape.mesh if shape.kind == "mesh" else -1
         # What lies on the ground would only cast specks on itself.
-        geom.castshadow = part.role not in ("floor", "door")
+        geom.castshadow = part.role not in ("floor", "door", "cone")
 
     def _add_bar(self, ends: np.ndarray, radius: float, rgba: Colour) -> None:
         way = ends[1] - ends[0]
-        size = (radius, radius, float(np.linalg.norm(way)) / 2)
-        self._add(mujoco.mjtGeom.mjGEOM_CAPSULE, size, ends.mean(axis=0), along(way), rgba)
+        size = (radius, float(np.linalg.norm(way)) / 2)
+        line = self._add(mujoco.mjtGeom.mjGEOM_CAPSULE, size, ends.mean(axis=0), along(way), rgba)
+        line.castshadow = 0
 
     def _add_triangle(self, a: np.ndarray, b: np.ndarray, c: np.ndarray, rgba: Colour) -> None:
         # MuJoCo draws the triangle of the ends of the first two axes of its frame, and of its origin.
@@ -169,7 +166,9 @@ class Solid:
             raise RuntimeError(f"render: a picture of more than {scene.maxgeom} solids; take fewer worlds")
         geom = scene.geoms[scene.ngeom]
         colour = np.asarray(rgba, np.float32)
-        mujoco.mjv_initGeom(geom, kind, np.asarray(size, float), np.asarray(at, float), rotation.ravel(), colour)
+        sizes = np.zeros(3)
+        sizes[: len(size)] = size
+        mujoco.mjv_initGeom(geom, kind, sizes, np.asarray(at, float), rotation.ravel(), colour)
         geom.category, geom.specular, geom.shininess = mujoco.mjtCatBit.mjCAT_DYNAMIC, 0.1, 0.2
         scene.ngeom += 1
         return geom

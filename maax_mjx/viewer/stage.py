@@ -220,9 +220,18 @@ class Stage:
         playing = self.playing(state)
         for team, name in enumerate(self.teams):
             members = playing[self.team[playing] == team]
-            if len(members):
-                words = f"{name} {float(np.asarray(state.reward)[members].sum()):+.2g}"
-                if returns is not None:
-                    words += f"   sum {float(np.asarray(returns)[members].sum()):+.4g}"
-                text.append(words)
+            if not len(members):
+                continue
+            # Of a single team the sum says little: in tag it is zero.
+            each = len(self.teams) == 1
+            words = f"{name} {_numbers(state.reward, members, each)}"
+            if returns is not None:
+                words += f"   sum {_numbers(returns, members, each)}"
+            text.append(words)
         return text + self.marks.words(state)
+
+
+def _numbers(values: Any, members: np.ndarray, each: bool) -> str:
+    """Some agents' rewards, each or all together."""
+    own = np.asarray(values, float)[members]
+    return " ".join(f"{round(value, 2) + 0.0:+g}" for value in (own if each else [own.sum()]))
