@@ -147,7 +147,10 @@ class Marks:
                 position = here + reach @ [REACH, BETWEEN * (1 if side == "left" else -1), 0.0]
                 shape = Shape("sphere", (HAND,), stage.colours[agent])
                 marked.parts.append(Part(f"{name}:hand_{side}", "hand", shape, position, UPRIGHT))
-            ends = np.array([[here + up(0.16), self._top(state, module, slot) + up(0.015)]])
+            # Over the object's upper side, and down to the agent.
+            there = self._top(state, module, slot) + up(0.03)
+            above = np.array([here[0], here[1], max(there[2], here[2] + 0.16)])
+            ends = np.array([[above, there], [above, here + up(0.14)]])
             marked.lines.append(Line(f"{name}:hold", "hold", ends, palette.DARK, 0.035))
 
     def _who_is_it(self, state: State, marked: Marked) -> None:

@@ -14,7 +14,7 @@ from maax_mjx.viewer import palette
 from maax_mjx.viewer.camera import FOVY, place_camera
 from maax_mjx.viewer.gl import open_context
 from maax_mjx.viewer.palette import Colour, as_bytes
-from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline
+from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline, up
 from maax_mjx.viewer.stage import Stage
 
 GEOMS = {
@@ -26,7 +26,7 @@ GEOMS = {
 }
 SECTOR_STEPS = 16
 SAMPLES, SHADOW = 8, 4096
-FLOOR_DEPTH, GRID_WIDTH, GRID_HEIGHT = 0.05, 0.012, 0.003
+FLOOR_DEPTH, GRID_WIDTH, GRID_HEIGHT = 0.05, 0.01, 0.0015
 LIGHTS = ((0.36, 0.24), (0.0, 0.5))
 """Ambient and diffuse share of the light at the eye, and of the sun."""
 SUN = np.array([0.55, -0.15, -1.0])
@@ -60,6 +60,7 @@ class Solid:
         self._model.stat.center[:] = [*extent / 2, 0.0]
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
         self._model.vis.quality.offsamples, self._model.vis.quality.shadowsize = SAMPLES, SHADOW
+        self._depths = (0.2 * self._camera.distance, 2.5 * self._camera.distance + 2 * self._model.stat.extent)
         self._context = open_context(*size)
         self._gl = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gl)
@@ -81,9 +82,7 @@ class Solid:
         self._context.make_current()
         self._scene.ngeom = 0
         self._aim()
-        ground = self._add(
-            mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), np.array([0, 0, -2 * FLOOR_DEPTH]), UPRIGHT, palette.SKY
-        )
+        ground = self._add(mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), up(-2 * FLOOR_DEPTH), UPRIGHT, palette.SKY)
         ground.emission = 1.0
         for frame, offset in zip(frames, self._offsets, strict=True):
             self._add_world(frame, offset)
@@ -101,9 +100,9 @@ class Solid:
         camera = self._camera
         for eye in self._scene.camera:
             eye.pos, eye.forward, eye.up = camera.position, camera.forward, camera.up
-            near = 0.2 * camera.distance
+            near, far = self._depths
             half = near * np.tan(np.radians(FOVY) / 2)
-            eye.frustum_near, eye.frustum_far = near, 2.5 * camera.distance
+            eye.frustum_near, eye.frustum_far = near, far
             eye.frustum_bottom, eye.frustum_top, eye.frustum_center, eye.frustum_width = -half, half, 0.0, 0.0
         # What lies in the shadow of one light is lit by the others, of which the first is at the eye, as MuJoCo has it.
         for i, (ambient, diffuse) in enumerate(LIGHTS):
@@ -111,9 +110,8 @@ class Solid:
             light.type, light.headlight, light.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, i == 0, i > 0
             light.ambient, light.diffuse, light.specular = [ambient] * 3, [diffuse] * 3, [0.05 * i] * 3
             light.dir = camera.forward if i == 0 else SUN / np.linalg.norm(SUN)
-            light.pos = (
-                camera.position if i == 0 else self._model.stat.center - 1.5 * self._model.stat.extent * light.dir
-            )
+            # Shadows are cut off at the same depths as the picture, counted from the light.
+            light.pos = camera.position if i == 0 else self._model.stat.center - np.mean(self._depths) * light.dir
         self._scene.nlight = len(LIGHTS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 1
         for off in (mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_HAZE, mujoco.mjtRndFlag.mjRND_REFLECTION):
