@@ -27,7 +27,7 @@ def record(
 ) -> tuple[WorldsState, Recording]:
     """Steps all worlds as `Worlds.rollout` does, and keeps what pictures need of a few.
 
-    However many worlds play, memory is needed for those that are shown alone: about 10 kB a world and frame, on the
+    However many worlds play, memory is needed for those that are shown alone: 2 to 16 kB a world and frame, on the
     host.
 
     Args:
