@@ -61,6 +61,7 @@ from maax_mjx.tasks import (  # noqa: E402
     register,
     tasks,
 )
+from maax_mjx.viewer import Recording, Replay, record, render, replay, video  # noqa: E402
 from maax_mjx.worldgen import WorldParams  # noqa: E402
 from maax_mjx.wrappers import (  # noqa: E402
     ActionWrapper,
@@ -136,7 +137,9 @@ __all__ = [
     "QuadrantConfig",
     "Ramps",
     "RandomWalls",
+    "Recording",
     "RectConfig",
+    "Replay",
     "RestrictAgentsRect",
     "RewardWrapper",
     "SelectObservations",
@@ -166,11 +169,15 @@ __all__ = [
     "poisson_disc",
     "proximity_placement",
     "quad_placement",
+    "record",
     "register",
+    "render",
+    "replay",
     "room_placement",
     "separation_placement",
     "tasks",
     "testing",
     "to_mjcf",
     "uniform_placement",
+    "video",
 ]

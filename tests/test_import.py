@@ -9,11 +9,12 @@ import sys
 import pytest
 
 CODE = """
-import jax, maax_mjx as maax
+import sys, jax, maax_mjx as maax
 from jax._src import xla_bridge
 env = maax.make("standard")
 env.model
 assert not xla_bridge.backends_are_initialized(), "a JAX backend was initialised"
+assert not {"matplotlib", "viser", "av"} & set(sys.modules), "what only pictures need was imported"
 """
 FOLDER = """
 import sys, jax, maax_mjx

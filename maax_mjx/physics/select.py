@@ -12,7 +12,7 @@ from maax_mjx.physics.world import Overlay
 
 
 class MissingLibraryError(RuntimeError):
-    """An engine was asked for whose library is not installed; the message says what brings it."""
+    """An engine or a picture was asked for whose library is not installed; the message says what brings it."""
 
 
 IMPLS = ("auto", "c", "jax", "warp")

@@ -1,5 +1,23 @@
-"""Pictures of worlds."""
+"""Pictures of worlds: still, moving, and as a web page."""
 
-from maax_mjx.viewer.plan import contact_sheet, draw_plan, gif
+from __future__ import annotations
 
-__all__ = ["contact_sheet", "draw_plan", "gif"]
+from typing import Any
+
+from maax_mjx.viewer.film import Recording
+from maax_mjx.viewer.record import record
+from maax_mjx.viewer.render import render, video
+from maax_mjx.viewer.replay import Replay, replay
+
+PLAN = ("contact_sheet", "draw_plan", "gif")
+
+__all__ = ["Recording", "Replay", "contact_sheet", "draw_plan", "gif", "record", "render", "replay", "video"]
+
+
+def __getattr__(name: str) -> Any:
+    # matplotlib takes long to import, and only plans need it.
+    if name in PLAN:
+        from maax_mjx.viewer import plan
+
+        return getattr(plan, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 from PIL import Image
 
 from maax_mjx.env import Environment
-from maax_mjx.modules import Entities, Placed, Sites
-from maax_mjx.physics import World, overlaid_model
 from maax_mjx.state import State
-from maax_mjx.wrappers import GrabObjects, LockObjects, find
+from maax_mjx.viewer import palette
+from maax_mjx.viewer.scene import Frame, Line, Lock, Part, grid_of
+from maax_mjx.viewer.stage import Stage
 
-EDGE = "#333333"
-DOOR = "#009e73"
 GIF_FPS = 25
+DPI = 100
+WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0}
 
 
 def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None:
@@ -35,28 +35,48 @@ def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None
         state: of a single world, on the host or a device.
         title: above the picture.
     """
-    base = env.base
+    stage = Stage(env)
+    draw_frame(ax, stage, stage.frame(state), title)
+
+
+def draw_frame(ax: Axes, stage: Stage, frame: Frame, title: str = "") -> None:
+    """Draws what there is to see of one world.
+
+    Args:
+        ax: where to draw; cleared first.
+        stage: whose frame it is.
+        frame: what to draw.
+        title: above the picture.
+    """
     ax.clear()
     ax.set_aspect("equal")
-    edge = float(state.world.plan.floor_size)
+    edge = frame.floor_size
     ax.set_xlim(0, edge)
     ax.set_ylim(0, edge)
     ax.set_xticks([])
     ax.set_yticks([])
-    ax.add_patch(Rectangle((0, 0), edge, edge, color="#f4f3ee", zorder=0))
-    _draw_walls(ax, state.world)
-    model = overlaid_model(base.model, base.overlay, state.world)
-    for module in base.modules.values():
-        if isinstance(module, Placed):
-            for slot in np.flatnonzero(np.asarray(state.world.active[module.kind])):
-                if isinstance(module, Entities):
-                    _draw_entity(ax, model, state, module, int(slot))
-                elif isinstance(module, Sites):
-                    _draw_site(ax, state.world, module, int(slot))
-    _draw_locks(ax, env, state, model)
-    _draw_holds(ax, env, state)
+    ax.add_patch(Rectangle((0, 0), edge, edge, color=palette.FLOOR, zorder=0))
+    for part in frame.parts:
+        DRAWN.get(part.role, _draw_solid)(ax, stage, part)
+    for line in frame.lines:
+        _draw_line(ax, line)
+    for lock in frame.locks:
+        _draw_lock(ax, lock)
     if title:
         ax.set_title(title, fontsize=8)
+
+
+def picture(stage: Stage, frames: Sequence[Frame], size: tuple[int, int]) -> np.ndarray:
+    """(height, width, 3) uint8 of some worlds side by side, with their words."""
+    width, height = size
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    columns, rows = grid_of(len(frames))
+    for i, frame in enumerate(frames):
+        ax = figure.add_subplot(rows, columns, i + 1)
+        draw_frame(ax, stage, frame, "\n".join(frame.text))
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def contact_sheet(
@@ -81,7 +101,7 @@ def contact_sheet(
 
 
 def gif(env: Environment, states: Iterable[State], path: str | Path, fps: int = GIF_FPS) -> None:
-    """Writes one world's states as a moving picture.
+    """Writes one world's states as a moving picture, every one of them; `maax.video` keeps the time.
 
     Args:
         env: the environment.
@@ -92,99 +112,85 @@ def gif(env: Environment, states: Iterable[State], path: str | Path, fps: int = 
     figure = Figure(figsize=(4, 4.2), layout="constrained")
     canvas = FigureCanvasAgg(figure)
     ax = figure.add_subplot()
+    stage = Stage(env)
     frames = []
     for state in states:
-        draw_plan(ax, env, state, f"{float(state.data.time):5.2f} s")
+        draw_frame(ax, stage, stage.frame(state), f"{float(state.data.time):5.2f} s")
         canvas.draw()
         frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 // fps, loop=0)
 
 
-def _draw_walls(ax: Axes, world: World) -> None:
-    plan = world.plan
-    walls, heights = np.asarray(plan.walls), np.asarray(plan.wall_heights)
-    for (x0, y0, x1, y1), height, present in zip(walls, heights, np.asarray(plan.wall_mask), strict=True):
-        if present:
-            ax.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, color="#444444" if height > 1 else "#8c8c8c", zorder=2))
-    for (x, y, width), present in zip(np.asarray(plan.doors), np.asarray(plan.door_mask), strict=True):
-        if present:
-            along_x = any(abs((w[1] + w[3]) / 2 - y) < 1e-3 and w[2] - w[0] > w[3] - w[1] for w in walls)
-            dx, dy = (width / 2, 0) if along_x else (0, width / 2)
-            ax.plot([x - dx, x + dx], [y - dy, y + dy], color=DOOR, linewidth=1.5, linestyle=(0, (2, 1.5)), zorder=1)
+def _draw_wall(ax: Axes, stage: Stage, part: Part) -> None:
+    (x, y, _), (dx, dy, _) = part.position, part.shape.size
+    ax.add_patch(Rectangle((x - dx, y - dy), 2 * dx, 2 * dy, color=part.shape.rgba, zorder=2))
 
 
-def _draw_site(ax: Axes, world: World, module: Sites, slot: int) -> None:
-    x, y, _ = np.asarray(world.sites[module.kind][slot])
-    width, depth, _ = np.asarray(module.extents_of(world)[slot])
-    if module.is_round:
-        ax.add_patch(Circle((x, y), width / 2, facecolor=module.rgba, edgecolor=EDGE, linewidth=0.6, zorder=1.5))
+def _draw_door(ax: Axes, stage: Stage, part: Part) -> None:
+    (x, y, _), (dx, dy, _) = part.position, part.shape.size
+    ends = ([x - dx, x + dx], [y, y]) if dx > dy else ([x, x], [y - dy, y + dy])
+    ax.plot(*ends, color=part.shape.rgba, linewidth=1.5, linestyle=(0, (2, 1.5)), zorder=1)
+
+
+def _draw_site(ax: Axes, stage: Stage, part: Part) -> None:
+    (x, y, _), size, rgba = part.position, part.shape.size, part.shape.rgba
+    if part.shape.kind != "box":
+        ax.add_patch(Circle((x, y), size[0], facecolor=rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=1.5))
         return
-    corner = (x - width / 2, y - depth / 2)
-    ax.add_patch(Rectangle(corner, width, depth, fill=False, edgecolor=module.rgba[:3], linestyle="--", zorder=1.5))
+    corner = (x - size[0], y - size[1])
+    style: dict[str, Any] = dict(fill=False, edgecolor=rgba[:3], linestyle="--", zorder=1.5)
+    ax.add_patch(Rectangle(corner, 2 * size[0], 2 * size[1], **style))
 
 
-def _draw_entity(ax: Axes, model: mujoco.MjModel, state: State, module: Entities, slot: int) -> None:
-    if module.static:
-        _draw_geom(ax, model, state, int(module.geom_ids[slot]), zorder=2.5)
+def _draw_cone(ax: Axes, stage: Stage, part: Part) -> None:
+    radius, half = part.shape.size[0], float(np.degrees(part.shape.size[1]))
+    ahead = float(np.degrees(np.arctan2(part.rotation[1, 0], part.rotation[0, 0])))
+    at = (part.position[0], part.position[1])
+    ax.add_patch(Wedge(at, radius, ahead - half, ahead + half, color=part.shape.rgba, linewidth=0, zorder=1.2))
+
+
+def _draw_solid(ax: Axes, stage: Stage, part: Part) -> None:
+    pos, mat, shape = part.position, part.rotation, part.shape
+    zorder = 3 + pos[2]
+    style = dict(facecolor=shape.rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=zorder)
+    if shape.kind in ("sphere", "cylinder", "capsule"):
+        ax.add_patch(Circle((pos[0], pos[1]), shape.size[0], **style))
         return
-    body = int(module.body_ids[slot])
-    first = int(model.body_geomadr[body])
-    height = float(state.data.xpos[body][2])
-    for geom in range(first, first + int(model.body_geomnum[body])):
-        _draw_geom(ax, model, state, geom, zorder=3 + height)
-    if module.kind == "agent":
-        centre = np.asarray(state.data.xpos[body])[:2]
-        front = -np.asarray(state.data.geom_xmat[first])[:2, 1]
-        tip = centre + 0.28 * front
-        ax.plot([centre[0], tip[0]], [centre[1], tip[1]], color="black", linewidth=1.2, zorder=5 + height)
-
-
-def _draw_locks(ax: Axes, env: Environment, state: State, model: mujoco.MjModel) -> None:
-    locking = find(env, LockObjects)
-    if locking is None:
-        return
-    bodies = np.concatenate([m.body_ids for m in locking.modules])
-    locks = state.mechanics[locking.name]
-    for body, owner in zip(bodies, np.asarray(locks.owner), strict=True):
-        if owner >= 0:
-            x, y, z = np.asarray(state.data.xpos[body])
-            color = model.geom_rgba[env.base.agents.geom_ids[owner]]
-            style = dict(edgecolor=color, facecolor="white", linewidth=1.6, zorder=6 + z)
-            ax.add_patch(Circle((x, y + 0.07), 0.055, **style))
-            ax.add_patch(Rectangle((x - 0.09, y - 0.1), 0.18, 0.15, **(style | {"facecolor": color})))
-
-
-def _draw_holds(ax: Axes, env: Environment, state: State) -> None:
-    grabbing = find(env, GrabObjects)
-    if grabbing is None:
-        return
-    bodies = np.concatenate([m.body_ids for m in grabbing.modules])
-    for agent, held in zip(env.base.agents.body_ids, np.asarray(state.mechanics[grabbing.name].held), strict=True):
-        if held >= 0:
-            ends = np.asarray(state.data.xpos)[[agent, bodies[held]], :2]
-            ax.plot(*ends.T, color="black", linewidth=2.5, linestyle=":", zorder=7)
-
-
-def _draw_geom(ax: Axes, model: mujoco.MjModel, state: State, geom: int, zorder: float) -> None:
-    pos, mat = np.asarray(state.data.geom_xpos[geom]), np.asarray(state.data.geom_xmat[geom])
-    size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
-    style = dict(facecolor=model.geom_rgba[geom], edgecolor=EDGE, linewidth=0.6, zorder=zorder)
-    if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CYLINDER):
-        ax.add_patch(Circle((pos[0], pos[1]), size[0], **style))
-        return
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * size
+    if shape.kind == "box":
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * shape.size
         ax.add_patch(Polygon((pos + corners @ mat.T)[:, :2], **style))
         return
-    # A ramp: its outline, and an arrow up its slope. The corners come from the compiled mesh, which has a frame of its
-    # own.
-    mesh = model.geom_dataid[geom]
-    start = model.mesh_vertadr[mesh]
-    corners = model.mesh_vert[start : start + model.mesh_vertnum[mesh]] @ mat.T + pos
-    outline = corners[:, :2]
-    middle = (outline.min(axis=0) + outline.max(axis=0)) / 2
-    offset = outline - middle
-    ax.add_patch(Polygon(outline[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))], **style))
-    top = corners[corners[:, 2] > corners[:, 2].mean(), :2].mean(axis=0)
-    arrow = dict(arrowstyle="->", color=EDGE, linewidth=0.9)
-    ax.annotate("", top, 2 * middle - top, arrowprops=arrow, zorder=zorder + 0.1)
+    # The corners come from the compiled mesh, which has a frame of its own.
+    around = (stage.meshes[shape.mesh][0] @ mat.T + pos)[:, :2]
+    offset = around - (around.min(axis=0) + around.max(axis=0)) / 2
+    ax.add_patch(Polygon(around[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))], **style))
+
+
+def _draw_line(ax: Axes, line: Line) -> None:
+    if line.role == "slope":
+        foot, tip = line.points[0, :, :2]
+        arrow = dict(arrowstyle="->", color=line.rgba, linewidth=0.9)
+        ax.annotate("", tip, foot, arrowprops=arrow, zorder=3.1 + line.points[0, 0, 2])
+        return
+    style = ":" if line.role == "hold" else "-"
+    for ends in line.points:
+        zorder = 5 + ends[0, 2] if line.role == "heading" else 7
+        ax.plot(*ends[:, :2].T, color=line.rgba, linewidth=WIDTHS[line.role], linestyle=style, zorder=zorder)
+
+
+def _draw_lock(ax: Axes, lock: Lock) -> None:
+    x, y, z = lock.position
+    style = dict(edgecolor=lock.rgba, facecolor="white", linewidth=1.6, zorder=6 + z)
+    ax.add_patch(Circle((x, y + 0.07), 0.055, **style))
+    ax.add_patch(Rectangle((x - 0.09, y - 0.1), 0.18, 0.15, **(style | {"facecolor": lock.rgba})))
+    ax.text(x, y - 0.025, str(lock.owner), color="white", fontsize=5, ha="center", va="center", zorder=6.1 + z)
+
+
+def _nothing(ax: Axes, stage: Stage, part: Part) -> None:
+    """What another mark says in a plan."""
+
+
+DRAWN = {
+    "wall": _draw_wall, "high_wall": _draw_wall, "door": _draw_door, "site": _draw_site, "cone": _draw_cone,
+    "eye": _nothing, "lock": _nothing,
+}  # fmt: skip

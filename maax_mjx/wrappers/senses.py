@@ -138,14 +138,18 @@ class Lidar(_Senses, ObservationWrapper):
     def senses(self) -> tuple[str, ...]:
         return ("lidar",)
 
-    def observation(self, state: State) -> dict[str, jax.Array]:
+    def rays(self, state: State) -> tuple[jax.Array, jax.Array]:
+        """(n_agents, n_rays, 3) directions in the world's frame, and (n_agents, n_rays) metres, at most `range`."""
         eyes, heading = self._eyes(state)
         angle = jnp.arange(self.n_rays) * (2 * jnp.pi / self.n_rays)
         angle = angle + heading[:, None] * (self.frame == "agent")
         direction = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)], axis=-1)
         direction = jnp.broadcast_to(direction, (len(eyes), self.n_rays, 3))
         distance, _ = self._rays.cast(state.world, state.data, eyes, direction, self.base.agents.body_ids)
-        distance = jnp.minimum(distance, self.range)[..., None]
+        return direction, jnp.minimum(distance, self.range)
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        distance = self.rays(state)[1][..., None]
         if self.compress is not None:
             distance = self.compress * jnp.tanh(distance / self.compress)
         active = self.playing(state)[:, None, None]

@@ -1,0 +1,94 @@
+"""From where pictures are taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+FOVY = 40.0
+ANGLES = {"default": (90.0, -55.0), "top": (90.0, -89.9)}
+TAKES = ("azimuth", "elevation", "distance", "lookat")
+ROOM = 0.5
+"""Metres above the floor that are to be in the picture."""
+
+
+class Camera(NamedTuple):
+    """A camera with a vertical field of view of 40 degrees.
+
+    Attributes:
+        position: (3,) metres.
+        forward: (3,) unit vector.
+        up: (3,) unit vector.
+        lookat: (3,) metres, what is in the middle of the picture.
+    """
+
+    position: np.ndarray
+    forward: np.ndarray
+    up: np.ndarray
+    lookat: np.ndarray
+
+    @property
+    def distance(self) -> float:
+        """Metres to what is in the middle."""
+        return float(np.linalg.norm(self.lookat - self.position))
+
+    def project(self, points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        """(n, 2) pixels from the upper left of points (n, 3) in front of the camera."""
+        width, height = size
+        away = np.asarray(points, float) - self.position
+        right = np.cross(self.forward, self.up)
+        depth = np.maximum(away @ self.forward, 1e-6)
+        scale = height / 2 / np.tan(np.radians(FOVY) / 2) / depth
+        return np.stack([width / 2 + away @ right * scale, height / 2 - away @ self.up * scale], axis=1)
+
+
+def place_camera(
+    camera: str | Mapping[str, Any], extent: np.ndarray, size: tuple[int, int], words: float = 0.0
+) -> Camera:
+    """A camera that has all worlds in its picture.
+
+    Args:
+        camera: "default" (from the south, above), "top", or any of azimuth and elevation in degrees as MuJoCo counts
+            them (azimuth 90 looks along y, elevation -90 down), distance in metres and lookat (3,).
+        extent: (2,) metres along x and y from the origin that the worlds cover.
+        size: width and height in pixels.
+        words: metres of words above the far edge, which are to be in the picture too.
+
+    Raises:
+        ValueError: a camera that there is not.
+    """
+    given: dict[str, Any] = {}
+    if isinstance(camera, str) and camera in ANGLES:
+        azimuth, elevation = ANGLES[camera]
+    elif isinstance(camera, Mapping) and set(camera) <= set(TAKES):
+        given = dict(camera)
+        azimuth, elevation = (float(given.get(name, ANGLES["default"][i])) for i, name in enumerate(TAKES[:2]))
+    else:
+        raise ValueError(f"camera: got {camera!r}; takes one of {sorted(ANGLES)}, or a dict with any of {list(TAKES)}")
+    lookat = np.asarray(given.get("lookat", [*extent / 2, 0.1]), float)
+    distance = given.get("distance", 1.0)
+    if lookat.shape != (3,) or not np.isfinite([*lookat, azimuth, elevation]).all() or not 0 < distance < np.inf:
+        raise ValueError(f"camera: got {camera!r}; takes finite numbers, a distance above 0, and a lookat of three")
+    looking = _looking(azimuth, elevation, float(distance), lookat)
+    return looking if "distance" in given else _step_back(looking, extent, size, words)
+
+
+def _looking(azimuth: float, elevation: float, distance: float, lookat: np.ndarray) -> Camera:
+    a, e = np.radians(azimuth), np.radians(elevation)
+    forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    up = np.array([-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)])
+    return Camera(lookat - distance * forward, forward, up, lookat)
+
+
+def _step_back(camera: Camera, extent: np.ndarray, size: tuple[int, int], words: float) -> Camera:
+    """The camera as far away as it takes to see all corners, with a margin."""
+    x, y = extent
+    corners = np.array([[i * x, j * y, z] for i in (0, 1) for j in (0, 1) for z in (0.0, ROOM + j * words)])
+    corners -= camera.lookat
+    tangent = np.tan(np.radians(FOVY) / 2) * 0.95
+    right = np.cross(camera.forward, camera.up)
+    sideways = np.maximum(np.abs(corners @ right) * size[1] / size[0], np.abs(corners @ camera.up))
+    distance = float(np.max(sideways / tangent - corners @ camera.forward))
+    return camera._replace(position=camera.lookat - distance * camera.forward)

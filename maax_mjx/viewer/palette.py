@@ -1,0 +1,39 @@
+"""The colours of all pictures: those of Okabe and Ito, which colour-blind people can tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity in [0, 1]."""
+
+
+def colour(text: str, opacity: float = 1.0) -> Colour:
+    """The colour that a text such as "#0072b2" names."""
+    red, green, blue = (int(text[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue, opacity
+
+
+TEAMS = tuple(colour(text) for text in ("#0072b2", "#d55e00", "#cc79a7", "#56b4e9", "#e69f00", "#f0e442"))
+"""Of teams whose agents were given no colours of their own."""
+DOOR = colour("#009e73")
+IT = colour("#f0e442")
+FLOOR = colour("#f4f3ee")
+GRID = colour("#dedcd3")
+HIGH_WALL, WALL = colour("#6b7078"), colour("#a9adb3")
+DARK = colour("#333333")
+EYE = colour("#1d1d1f")
+GREY = colour("#b9b9b9")
+SKY = colour("#ffffff")
+
+
+def blend(one: Sequence[float], other: Sequence[float], share: float) -> Colour:
+    """A colour with a share in [0, 1] of another; its own opacity stays."""
+    red, green, blue = (a * (1 - share) + b * share for a, b in zip(one[:3], other[:3], strict=True))
+    return float(red), float(green), float(blue), float(one[3])
+
+
+def as_bytes(one: Sequence[float]) -> tuple[int, int, int]:
+    """Red, green and blue in 0 to 255."""
+    red, green, blue = (round(255 * float(value)) for value in one[:3])
+    return red, green, blue

@@ -1,0 +1,65 @@
+"""Recording a few worlds of a large batch while it plays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from maax_mjx.checks import check_count
+from maax_mjx.parallel import Worlds, WorldsState
+from maax_mjx.parallel.rollout import Policy
+from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, pick
+
+FPS = 30
+
+
+def record(
+    worlds: Worlds,
+    states: WorldsState,
+    policy: Policy,
+    n_steps: int,
+    *args: Any,
+    show: Picked = None,
+    every: int | None = None,
+    key: jax.Array | None = None,
+) -> tuple[WorldsState, Recording]:
+    """Steps all worlds as `Worlds.rollout` does, and keeps what pictures need of a few.
+
+    However many worlds play, memory is needed for those that are shown alone: 2 to 16 kB a world and frame, on the
+    host.
+
+    Args:
+        worlds: the batch.
+        states: from its `reset`, `step` or `rollout`; donated.
+        policy: see `Worlds.rollout`.
+        n_steps: how many env steps, at least; as many more as fill the last frame.
+        args: what the policy gets besides.
+        show: which worlds to keep: an index or several; None is the first.
+        every: env steps from frame to frame; None makes 30 frames a second.
+        key: where the policy's keys follow from; None is `jax.random.key(0)`.
+
+    Returns:
+        The states after the last step, and the recording, whose first frame is that of `states`.
+
+    Raises:
+        ValueError: worlds that there are not, or what `Worlds.rollout` refuses.
+    """
+    if not isinstance(worlds, Worlds):
+        raise ValueError(f"worlds: got {type(worlds).__name__}; takes maax.Worlds(env, n_worlds)")
+    base = worlds.env.base
+    n_steps = check_count("n_steps", n_steps, minimum=1)
+    seconds = base.n_frames * base.world_params.timestep
+    every = max(1, round(1 / (FPS * seconds))) if every is None else check_count("every", every, minimum=1)
+    try:
+        chosen_worlds(show, worlds.n_worlds)
+    except ValueError as error:
+        raise ValueError(str(error).replace("worlds:", "show:", 1)) from None
+    key = jax.random.key(0) if key is None else key
+    frames = [pick(states, show)]
+    for i in range(-(-n_steps // every)):
+        states, _ = worlds.rollout(states, policy, every, *args, key=jax.random.fold_in(key, i))
+        frames.append(pick(states, show))
+    kept, returns = jax.tree.map(lambda *x: np.stack(x), *frames)
+    return states, Recording(kept, returns)

@@ -1,0 +1,193 @@
+"""Worlds in three dimensions, drawn by MuJoCo's renderer."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from maax_mjx.viewer import palette
+from maax_mjx.viewer.camera import FOVY, place_camera
+from maax_mjx.viewer.gl import open_context
+from maax_mjx.viewer.palette import Colour, as_bytes
+from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline, up
+from maax_mjx.viewer.stage import Stage
+
+GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+}
+SECTOR_STEPS = 16
+SAMPLES, SHADOW = 8, 4096
+FLOOR_DEPTH, GRID_WIDTH, GRID_HEIGHT = 0.05, 0.01, 0.0015
+LIGHTS = ((0.36, 0.24), (0.0, 0.5))
+"""Ambient and diffuse share of the light at the eye, and of the sun."""
+SUN = np.array([0.55, -0.15, -1.0])
+
+
+class Solid:
+    """Draws frames of one environment, all of one size and number of worlds. To be closed, or used with `with`.
+
+    Args:
+        stage: whose frames.
+        n: how many worlds are side by side.
+        edge: of the largest floor in metres.
+        size: width and height in pixels.
+        camera: see `place_camera`.
+
+    Raises:
+        MissingLibraryError: there is no OpenGL.
+        ValueError: a camera that there is not.
+    """
+
+    def __init__(
+        self, stage: Stage, n: int, edge: float, size: tuple[int, int], camera: str | Mapping[str, Any] = "default"
+    ):
+        self._size, self._edge = size, edge
+        self._offsets = offsets(n, edge)
+        extent = self._offsets.max(axis=0)[:2] + edge
+        self._camera = place_camera(camera, extent, size, 0.2 * edge if n > 1 else 0.0)
+        # Shadows are sized by the model's extent, and the parked entities of the compiled one are far away.
+        self._model = copy.copy(stage.model)
+        self._model.stat.extent = float(np.linalg.norm(extent)) / 1.4
+        self._model.stat.center[:] = [*extent / 2, 0.0]
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
+        self._model.vis.quality.offsamples, self._model.vis.quality.shadowsize = SAMPLES, SHADOW
+        self._depths = (0.2 * self._camera.distance, 2.5 * self._camera.distance + 2 * self._model.stat.extent)
+        self._context = open_context(*size)
+        self._gl = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gl)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=4000 * n)
+
+    def __enter__(self) -> Solid:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Gives the OpenGL context back."""
+        self._gl.free()
+        self._context.free()
+
+    def draw(self, frames: Sequence[Frame]) -> np.ndarray:
+        """(height, width, 3) uint8 of worlds side by side, with their words."""
+        self._context.make_current()
+        self._scene.ngeom = 0
+        self._aim()
+        ground = self._add(mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), up(-2 * FLOOR_DEPTH), UPRIGHT, palette.SKY)
+        ground.emission = 1.0
+        for frame, offset in zip(frames, self._offsets, strict=True):
+            self._add_world(frame, offset)
+        width, height = self._size
+        image = np.empty((height, width, 3), np.uint8)
+        depth = np.empty((height, width), np.float32)
+        rect = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(rect, self._scene, self._gl)
+        mujoco.mjr_readPixels(image, depth, rect, self._gl)
+        # Above the horizon, where MuJoCo leaves it black.
+        image[depth >= 1.0] = as_bytes(palette.SKY)
+        return self._written(np.flipud(image), frames)
+
+    def _aim(self) -> None:
+        camera = self._camera
+        for eye in self._scene.camera:
+            eye.pos, eye.forward, eye.up = camera.position, camera.forward, camera.up
+            near, far = self._depths
+            half = near * np.tan(np.radians(FOVY) / 2)
+            eye.frustum_near, eye.frustum_far = near, far
+            eye.frustum_bottom, eye.frustum_top, eye.frustum_center, eye.frustum_width = -half, half, 0.0, 0.0
+        # What lies in the shadow of one light is lit by the others, of which the first is at the eye, as MuJoCo has it.
+        for i, (ambient, diffuse) in enumerate(LIGHTS):
+            light = self._scene.lights[i]
+            light.type, light.headlight, light.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, i == 0, i > 0
+            light.ambient, light.diffuse, light.specular = [ambient] * 3, [diffuse] * 3, [0.05 * i] * 3
+            light.dir = camera.forward if i == 0 else SUN / np.linalg.norm(SUN)
+            # Shadows are cut off at the same depths as the picture, counted from the light.
+            light.pos = camera.position if i == 0 else self._model.stat.center - np.mean(self._depths) * light.dir
+        self._scene.nlight = len(LIGHTS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 1
+        for off in (mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_HAZE, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[off] = 0
+
+    def _add_world(self, frame: Frame, offset: np.ndarray) -> None:
+        edge = frame.floor_size / 2
+        floor = Shape("box", (edge, edge, FLOOR_DEPTH / 2), palette.FLOOR)
+        self._add_part(Part("floor", "floor", floor, np.array([edge, edge, -FLOOR_DEPTH / 2]), UPRIGHT), offset)
+        for (x0, y0), (x1, y1) in grid_lines(frame.floor_size):
+            half = ((x1 - x0) / 2 + GRID_WIDTH, (y1 - y0) / 2 + GRID_WIDTH, GRID_HEIGHT / 2)
+            middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, GRID_HEIGHT / 2])
+            self._add_part(Part("grid", "floor", Shape("box", half, palette.GRID), middle, UPRIGHT), offset)
+        for part in frame.parts:
+            self._add_part(part, offset)
+        for line in frame.lines:
+            if line.role != "heading":
+                for ends in line.points:
+                    self._add_bar(ends + offset, line.width / 2, line.rgba)
+
+    def _add_part(self, part: Part, offset: np.ndarray) -> None:
+        shape, position = part.shape, part.position + offset
+        if shape.kind == "sector":
+            corners = outline(shape, SECTOR_STEPS) @ part.rotation.T + position
+            for i in range(1, len(corners) - 1):
+                self._add_triangle(corners[0], corners[i], corners[i + 1], shape.rgba)
+            return
+        geom = self._add(GEOMS[shape.kind], shape.size or (1.0,) * 3, position, part.rotation, shape.rgba)
+        # Of every mesh the context has two: the mesh and its convex hull.
+        geom.dataid = 2 * shape.mesh if shape.kind == "mesh" else -1
+        # What lies on the ground would only cast specks on itself.
+        geom.castshadow = part.role not in ("floor", "door", "cone")
+
+    def _add_bar(self, ends: np.ndarray, radius: float, rgba: Colour) -> None:
+        way = ends[1] - ends[0]
+        size = (radius, float(np.linalg.norm(way)) / 2)
+        line = self._add(mujoco.mjtGeom.mjGEOM_CAPSULE, size, ends.mean(axis=0), along(way), rgba)
+        line.castshadow = 0
+
+    def _add_triangle(self, a: np.ndarray, b: np.ndarray, c: np.ndarray, rgba: Colour) -> None:
+        # MuJoCo draws the triangle of the ends of the first two axes of its frame, and of its origin.
+        sides = [b - a, c - a]
+        lengths = [float(np.linalg.norm(side)) for side in sides]
+        rotation = np.stack([sides[0] / lengths[0], sides[1] / lengths[1], [0.0, 0.0, 1.0]], axis=1)
+        self._add(mujoco.mjtGeom.mjGEOM_TRIANGLE, (lengths[0], lengths[1], 0.0), a, rotation, rgba)
+
+    def _add(self, kind: int, size: Sequence[float], at: np.ndarray, rotation: np.ndarray, rgba: Colour) -> Any:
+        scene = self._scene
+        if scene.ngeom >= scene.maxgeom:
+            raise RuntimeError(f"render: a picture of more than {scene.maxgeom} solids; take fewer worlds")
+        geom = scene.geoms[scene.ngeom]
+        colour = np.asarray(rgba, np.float32)
+        sizes = np.zeros(3)
+        sizes[: len(size)] = size
+        mujoco.mjv_initGeom(geom, kind, sizes, np.asarray(at, float), rotation.ravel(), colour)
+        geom.category, geom.specular, geom.shininess = mujoco.mjtCatBit.mjCAT_DYNAMIC, 0.1, 0.2
+        scene.ngeom += 1
+        return geom
+
+    def _written(self, image: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
+        picture = Image.fromarray(image)
+        pen = ImageDraw.Draw(picture)
+        columns, _ = grid_of(len(frames))
+        base = self._size[0] / columns
+        small, large = (ImageFont.load_default(max(9, round(base * share))) for share in (0.017, 0.022))
+        for frame, offset in zip(frames, self._offsets, strict=True):
+            for label in frame.labels:
+                at = tuple(self._camera.project(label.position[None] + offset, self._size)[0])
+                colour = as_bytes(palette.blend(label.rgba, palette.EYE, 0.25))
+                pen.text(at, label.text, fill=colour, font=small, anchor="mm", stroke_width=2, stroke_fill="white")
+            corner = np.array([[0.0, frame.floor_size, 0.5]]) + offset
+            x, y = self._camera.project(corner, self._size)[0] if len(frames) > 1 else (12.0, 8.0)
+            anchor, align = ("ld", "left") if len(frames) > 1 else ("la", "left")
+            text = "\n".join(frame.text)
+            pen.multiline_text(
+                (x, y), text, fill=as_bytes(palette.DARK), font=large, anchor=anchor, align=align, spacing=3,
+                stroke_width=2, stroke_fill="white",
+            )  # fmt: skip
+        return np.asarray(picture).copy()

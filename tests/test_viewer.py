@@ -1,0 +1,484 @@
+"""Pictures, films and web pages of worlds, against what the states say and what a browser shows."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import re
+import shutil
+import sys
+import time
+
+import jax
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+import maax_mjx as maax
+from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig
+from maax_mjx.viewer import gl, palette
+from maax_mjx.viewer.film import film, paced
+from maax_mjx.viewer.scene import up
+from maax_mjx.viewer.stage import Stage
+from maax_mjx.wrappers import Lidar, find
+
+HORIZON, PREPARATION, N_STEPS = 12, 5, 30
+SHOWN = [2, 0]
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+CHROMEDRIVER = shutil.which("chromedriver")
+needs_browser = pytest.mark.skipif(
+    not CHROMIUM or not CHROMEDRIVER, reason="no browser: apt-get install chromium chromium-driver"
+)
+
+
+@pytest.fixture(scope="module")
+def env():
+    return maax.make(
+        "hide_and_seek", impl="c", n_hiders=(1, 2), n_seekers=1, n_boxes=(1, 2), n_elongated_boxes=(0, 2), n_ramps=1,
+        horizon=HORIZON, prep_fraction=PREPARATION / HORIZON, cone=2.0, lidar=LidarConfig(n_rays=7, range=3.0),
+        lock=LockConfig(), grab=GrabConfig(), observations="raw", stats=False, p_door_dropout=0.5,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def played(env):
+    """What the worlds were at first, and 30 steps of two of them, two resets among them."""
+    worlds = maax.Worlds(env, 3)
+    first = worlds.reset(jax.random.key(0))
+    began = jax.device_get(first.data.qpos)
+
+    def policy(state, key):
+        return env.sample_action(key)
+
+    _, recording = maax.record(worlds, first, policy, N_STEPS, show=SHOWN, every=1)
+    return began, recording
+
+
+@pytest.fixture(scope="module")
+def recording(played):
+    return played[1]
+
+
+@pytest.fixture(scope="module")
+def one(env, recording):
+    """A state of a single world before its preparation ends, with both boxes or with one."""
+    return film(env, recording, [0], 0.005).states[2][0]
+
+
+def with_mechanics(state, **changed):
+    """The state whose mechanics have other values."""
+    mechanics = dict(state.mechanics)
+    for name, values in changed.items():
+        mechanics[name] = mechanics[name].replace(**values)
+    return state.replace(mechanics=mechanics)
+
+
+def test_a_recording_is_of_the_worlds_that_were_asked_for(played):
+    began, recording = played
+    np.testing.assert_array_equal(recording.states.data.qpos[0], began[SHOWN])
+    steps = recording.states.step
+    assert steps.shape == (N_STEPS + 1, 2)
+    np.testing.assert_array_equal(steps[:, 0], np.arange(N_STEPS + 1) % HORIZON)
+    assert not np.array_equal(recording.states.data.qpos[:, 0], recording.states.data.qpos[:, 1])
+
+
+def test_frames_show_what_the_states_say_over_resets(env, recording):
+    """Every frame of both worlds: what is there, where, how large; the walls are those of the running episode."""
+    stage = Stage(env)
+    shown = film(env, recording, None, stage.dt)
+    layouts = set()
+    for states in shown.states:
+        for state in states:
+            frame = stage.frame(state)
+            parts = {part.name: part for part in frame.parts}
+            for module in env.base.movables:
+                for slot, name in enumerate(module.names):
+                    assert (name in parts) == state.world.active[module.kind][slot], name
+                    if name in parts and module.kind != "ramp":
+                        body = module.body_ids[slot]
+                        np.testing.assert_allclose(parts[name].position, state.data.xpos[body], atol=1e-6)
+            plan = state.world.plan
+            walls = frame.named("wall") + frame.named("high_wall")
+            drawn = [[*(w.position - w.shape.size)[:2], *(w.position + w.shape.size)[:2]] for w in walls]
+            expected = plan.walls[plan.wall_mask]
+            np.testing.assert_allclose(sorted(np.round(drawn, 2).tolist()), sorted(np.round(expected, 2).tolist()))
+            doors = [(*door.position[:2], 2 * max(door.shape.size)) for door in frame.named("door")]
+            np.testing.assert_allclose(doors, plan.doors[plan.door_mask], atol=1e-5)
+            assert len(frame.named("high_wall")) == 4
+            layouts.add(tuple(np.round(plan.walls, 3).ravel()))
+    assert len(layouts) > 2, "layouts change at resets"
+
+
+def test_ramps_have_their_corners_and_point_uphill(env, one):
+    stage = Stage(env)
+    frame = stage.frame(one)
+    (ramp,) = (part for part in frame.parts if part.name == "ramp0")
+    vertices, faces = stage.meshes[ramp.shape.mesh]
+    corners = vertices @ ramp.rotation.T + ramp.position
+    body = one.data.xpos[env.base.modules["ramps"].body_ids[0]]
+    np.testing.assert_allclose(corners.min(axis=0), body - 0.25, atol=2e-3)
+    np.testing.assert_allclose(corners.max(axis=0), body + 0.25, atol=2e-3)
+    assert faces.max() < len(vertices)
+    (slope,) = (line for line in frame.lines if line.role == "slope")
+    foot, tip = slope.points[0]
+    assert tip[2] - foot[2] == pytest.approx(0.3, abs=0.01)
+    assert foot[1] - tip[1] == pytest.approx(0.3, abs=0.01), "ramps rise towards -y"
+
+
+def test_sizes_are_those_of_the_world(env, recording):
+    """Elongated boxes have extents of their own, which the compiled model does not have."""
+    stage = Stage(env)
+    sizes = set()
+    for states in film(env, recording, None, stage.dt).states[::HORIZON]:
+        for state in states:
+            parts = {part.name: part for part in stage.frame(state).parts}
+            for slot in np.flatnonzero(state.world.active["box"]):
+                size = parts[f"box{slot}"].shape.size
+                np.testing.assert_allclose(2 * np.array(size), state.world.extents["box"][slot], atol=1e-3)
+                sizes.add(size)
+    assert len(sizes) > 1
+
+
+def test_locks_are_marked_with_their_owners(env, one):
+    stage = Stage(env)
+    n = env.action_space["lock"].shape[1]
+    assert not stage.frame(one).locks
+    owner = np.full(n, -1)
+    owner[0], owner[-1] = 2, 0
+    locked = with_mechanics(one, locks={"owner": owner, "locked": owner >= 0})
+    frame = stage.frame(locked)
+    assert {(lock.thing, lock.owner) for lock in frame.locks} == {("box0", 2), ("ramp0", 0)}
+    for lock in frame.locks:
+        thing = {"box0": "boxes", "ramp0": "ramps"}[lock.thing]
+        body = one.data.xpos[env.base.modules[thing].body_ids[0]]
+        np.testing.assert_allclose(lock.position, body + up(0.25), atol=2e-3)
+        assert lock.rgba == pytest.approx(env.base.agents.colors[lock.owner])
+        assert any(part.name == f"{lock.thing}:lock:body" and part.shape.rgba == lock.rgba for part in frame.parts)
+    free = {part.name: part.shape.rgba for part in stage.frame(one).parts}
+    now = {part.name: part.shape.rgba for part in frame.parts}
+    assert free["box0"] != now["box0"]
+    assert {label.text for label in frame.labels if label.name.endswith(":owner")} == {"0", "2"}
+
+
+def test_holds_are_lines_and_reaching_hands(env, one):
+    stage = Stage(env)
+    held = with_mechanics(one, grabs={"held": np.array([0, -1, -1])})
+    frame = stage.frame(held)
+    (hold,) = (line for line in frame.lines if line.role == "hold")
+    agent = one.data.xpos[env.base.agents.body_ids[0]]
+    box = one.data.xpos[env.base.modules["boxes"].body_ids[0]]
+    np.testing.assert_allclose(hold.points[0, :, :2], [agent[:2], box[:2]], atol=1e-5)
+    hands = np.array([part.position for part in frame.parts if part.name.startswith("agent0:hand")])
+    to = (box - agent)[:2] / np.linalg.norm((box - agent)[:2])
+    np.testing.assert_allclose((hands.mean(axis=0) - agent)[:2], 0.19 * to, atol=1e-5)
+    assert not [line for line in stage.frame(one).lines if line.role == "hold"]
+
+
+def test_preparation_is_said_and_seen(env, recording):
+    stage = Stage(env)
+    shown = film(env, recording, [0], stage.dt)
+    for (state,), (returns,) in zip(shown.states, shown.returns, strict=True):
+        frame = stage.frame(state, returns)
+        on = int(state.step) < PREPARATION
+        assert frame.preparing == on
+        assert ("preparation" in frame.text[0]) == on
+        assert frame.text[0].startswith(f"{int(state.step) * 0.005:.2f} s")
+        colours = {part.name: part.shape.rgba for part in frame.named("agent")}
+        assert colours["agent0"] == pytest.approx(env.base.agents.colors[0])
+        assert (colours["agent2"] != pytest.approx(env.base.agents.colors[2])) == on
+
+
+def test_rewards_are_summed_by_team_and_episode(env, recording):
+    stage = Stage(env)
+    reward, step = recording.states.reward[:, 0], recording.states.step[:, 0]
+    shown = film(env, recording, [0], stage.dt)
+    alone = film(env, recording.states, [0], stage.dt)
+    total = np.zeros(3)
+    for t, ((state,), (known,), (summed,)) in enumerate(zip(shown.states, shown.returns, alone.returns, strict=True)):
+        total = np.zeros(3) if step[t] == 0 else total + reward[t]
+        np.testing.assert_allclose(known, total, atol=1e-5)
+        np.testing.assert_allclose(summed, total, atol=1e-5)
+        seekers = stage.frame(state, known).text[-1]
+        assert seekers == f"seekers {reward[t][2] + 0.0:+g}   sum {total[2] + 0.0:+g}"
+    assert np.abs(total).sum() > 0
+    every_other = jax.tree.map(lambda x: x[::2], recording.states)
+    assert film(env, every_other, [0], stage.dt).returns[3] == [None]
+    assert film(env, every_other, [0], stage.dt).times[3] == pytest.approx(6 * stage.dt)
+
+
+def test_states_in_every_form_are_the_same_film(env, recording):
+    states = recording.states
+    expected = film(env, recording, [1], 0.005)
+    listed = [jax.tree.map(lambda x, t=t: x[t], states) for t in range(N_STEPS + 1)]
+    single = [jax.tree.map(lambda x: x[1], state) for state in listed]
+    alone = jax.tree.map(lambda x: x[:, 1], states)
+    for given, worlds in ((states, 1), (states, [-1]), (listed, 1), (iter(listed), [1]), (single, None), (alone, None)):
+        made = film(env, given, worlds, 0.005)
+        assert len(made.states) == N_STEPS + 1
+        for a, b in zip(made.states, expected.states, strict=True):
+            np.testing.assert_array_equal(a[0].data.qpos, b[0].data.qpos)
+        np.testing.assert_allclose(made.times, np.arange(N_STEPS + 1) * 0.005)
+    assert len(film(env, recording, None, 0.005).states[0]) == 2
+    assert paced(expected.times, 30) == [0, 7, 14, 21, 28, 30]
+
+
+def test_senses_are_drawn_as_they_are(env, one):
+    frame = Stage(env, vision=True, lidar=True).frame(one)
+    playing = np.flatnonzero(one.world.active["agent"])
+    cones = {part.name: part for part in frame.named("cone")}
+    rays = {line.name: line for line in frame.lines if line.role == "ray"}
+    assert set(cones) == {f"agent{i}:cone" for i in playing}
+    distances = jax.jit(find(env, Lidar).rays)(one)[1]
+    for i in playing:
+        assert cones[f"agent{i}:cone"].shape.size[1] == pytest.approx(1.0)
+        yaw = one.data.qpos[env.base.agents.qpos_ids[i, 3]]
+        ahead = [np.cos(yaw - np.pi / 2), np.sin(yaw - np.pi / 2)]
+        np.testing.assert_allclose(cones[f"agent{i}:cone"].rotation[:2, 0], ahead, atol=1e-5)
+        points = rays[f"agent{i}:rays"].points
+        lengths = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
+        np.testing.assert_allclose(lengths, distances[i], atol=1e-4)
+        assert lengths.max() <= 3.0 + 1e-5
+    assert not Stage(env).frame(one).named("cone")
+
+
+@pytest.fixture(scope="module")
+def picture(env, recording):
+    try:
+        return maax.render(env, recording_frame(recording), camera="top", size=(300, 300), view="3d")
+    except maax.MissingLibraryError as error:
+        pytest.skip(f"no OpenGL: {error}")
+
+
+def recording_frame(recording, t=PREPARATION + 1):
+    return jax.tree.map(lambda x: x[t, 0], recording.states)
+
+
+def centre_of(image, colour, size):
+    """(x, y) from the lower left, as shares of the picture, of the pixels that look most like a colour."""
+    red, green, blue = np.moveaxis(image.astype(float), -1, 0)
+    want = (blue - red > 60) if colour == "blue" else (red - blue > 110) & (green < 120)
+    y, x = np.nonzero(want)
+    assert len(x) > 20, f"no {colour}"
+    return x.mean() / size, 1 - y.mean() / size
+
+
+@pytest.mark.parametrize("view", ["3d", "plan"])
+def test_agents_are_where_they_are_and_not_mirrored(env, recording, picture, view):
+    state = recording_frame(recording)
+    image = picture if view == "3d" else maax.render(env, state, size=(300, 300), view="plan")
+    assert image.shape == (300, 300, 3)
+    assert image.dtype == np.uint8
+    xpos = state.data.xpos[env.base.agents.body_ids]
+    hiders = xpos[:2][state.world.active["agent"][:2]].mean(axis=0)
+    blue, orange = centre_of(image, "blue", 300), centre_of(image, "orange", 300)
+    apart = (np.array(orange) - blue) / (xpos[2] - hiders)[:2]
+    # A floor of 6 m takes most of the picture.
+    assert ((apart > 0.08) & (apart < 0.17)).all(), apart
+
+
+def test_worlds_are_side_by_side(env, recording):
+    both = maax.render(env, jax.tree.map(lambda x: x[3], recording.states), worlds=[0, 1], size=(400, 200), view="plan")
+    ones = [maax.render(env, recording_frame(recording, 3), size=(400, 200), view="plan")]
+    assert both[:, :200].std() > 10
+    assert both[:, 200:].std() > 10
+    assert not np.array_equal(both, ones[0])
+
+
+def test_without_opengl_the_message_says_what_brings_it(env, recording, monkeypatch):
+    monkeypatch.setattr(gl, "LIBRARIES", {"egl": "libno_such_egl.so", "osmesa": "libno_such_osmesa.so"})
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    state = recording_frame(recording)
+    with pytest.raises(maax.MissingLibraryError, match=r"libegl1.*libosmesa6.*MUJOCO_GL=egl.*view='plan'"):
+        maax.render(env, state, view="3d")
+    assert maax.render(env, state, size=(64, 64)).shape == (64, 64, 3)
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    with pytest.raises(maax.MissingLibraryError, match="MUJOCO_GL=off"):
+        maax.render(env, state, view="3d")
+
+
+def test_films_last_as_long_as_the_play(env, recording, tmp_path):
+    av = pytest.importorskip("av")
+    shown = N_STEPS * 0.005 / 0.1
+    slow = dict(size=(96, 80), view="plan", speed=0.1)
+    made = Image.open(maax.video(env, recording, tmp_path / "a.gif", fps=10, **slow))
+    assert made.n_frames == round(shown * 10) + 1
+    durations = []
+    for i in range(made.n_frames):
+        made.seek(i)
+        durations.append(made.info["duration"])
+    assert sum(durations) == made.n_frames * 100
+    maax.video(env, recording, tmp_path / "a.mp4", fps=8, worlds=[0], **slow)
+    with av.open(str(tmp_path / "a.mp4")) as file:
+        frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+        assert file.streams.video[0].average_rate == 8
+    assert len(frames) == round(shown * 8) + 1
+    assert frames[0].shape == (80, 96, 3)
+    assert np.abs(frames[0].astype(float) - frames[-1]).max() > 50
+
+
+@pytest.fixture(scope="module")
+def page(env, recording):
+    return maax.replay(env, recording, worlds=[0], speed=0.05)
+
+
+def test_the_page_holds_all_it_needs(page, tmp_path):
+    assert page.n_frames == N_STEPS + 1
+    assert page.seconds == pytest.approx(N_STEPS * 0.005 / 0.05)
+    assert not re.search(r"""(src|href|url)\s*[=(]\s*["']?(https?:)?//""", page.html)
+    assert set(re.findall(r"https?://[\w.]+", page.html)) <= {"http://www.w3.org"}
+    assert len(page.html) < 2e6
+    assert page.save(tmp_path / "x.html").read_text() == page.html
+    cell = page._repr_html_()
+    assert cell.startswith("<iframe srcdoc=")
+    assert "<script" not in cell
+
+
+def test_a_page_is_made_inside_a_running_event_loop(env, recording, capfd):
+    async def cell():
+        return maax.replay(env, jax.tree.map(lambda x: x[:3], recording))
+
+    assert asyncio.run(cell()).n_frames == 2
+    assert capfd.readouterr().out == ""
+
+
+@needs_browser
+def test_a_browser_without_network_shows_the_page_moving(env, recording, page, tmp_path):
+    """The page from a file, and in the frame of a notebook's cell: both show the seeker where it is at other times."""
+    page.save(tmp_path / "page.html")
+    (tmp_path / "cell.html").write_text(f"<!DOCTYPE html><body>{page._repr_html_()}</body>")
+    seeker = recording.states.data.xpos[:, 0, env.base.agents.body_ids[2], :2]
+    with browser(tmp_path / "profile") as driver:
+        for name in ("page", "cell"):
+            driver.get((tmp_path / f"{name}.html").as_uri())
+            if name == "cell":
+                driver.switch_to.frame(0)
+            # 50 ms of the play are a second of the page: these are the steps 8 and 20, after the preparation of the
+            # first and of the second episode.
+            early, late = seen_at(driver, "0.8"), seen_at(driver, "2.0")
+            moved = seeker_in(late) - seeker_in(early)
+            expected = seeker[20] - seeker[8]
+            assert np.linalg.norm(expected) > 0.5
+            # Seen from the south and above, lengths along y are shorter, and y points up.
+            away = expected * [1.0, -np.sin(np.radians(55))]
+            assert moved @ away > 0.95 * np.linalg.norm(moved) * np.linalg.norm(away), name
+            for image, step in ((early, 8), (late, 20)):
+                assert hiders_in(image) == recording.states.world.active["agent"][step, 0, :2].sum(), (name, step)
+            if name == "page":
+                np.testing.assert_allclose(seeker_in(seen_at(driver, "0.8")), seeker_in(early), atol=2)
+
+
+def seeker_in(image):
+    """(2,) pixels from the upper left where the orange of the seekers is."""
+    red, green, blue = np.moveaxis(image.astype(float), -1, 0)
+    y, x = np.nonzero((red - blue > 130) & (green < 0.75 * red))
+    assert len(x) > 8, "no seeker"
+    assert np.hypot(x.std(), y.std()) < 20, "something else is orange"
+    return np.array([x.mean(), y.mean()])
+
+
+def hiders_in(image):
+    """How many spots of the blue of the hiders there are."""
+    red, green, blue = np.moveaxis(image.astype(float), -1, 0)
+    # Doors are green, and bluish.
+    mask = (blue - red > 60) & (blue > green + 15)
+    spots, n = ndimage.label(ndimage.binary_dilation(mask, iterations=3))
+    return sum((mask & (spots == i + 1)).sum() > 8 for i in range(n))
+
+
+def browser(profile):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for argument in (
+        "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
+        "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", f"--user-data-dir={profile}",
+        "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=420,620",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+    ):  # fmt: skip
+        options.add_argument(argument)
+    return webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
+
+
+def seen_at(driver, seconds):
+    """(height, width, 3) the scene at a time, once it stands still."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    field = WebDriverWait(driver, 60).until(lambda d: d.find_element(By.CSS_SELECTOR, "input[inputmode]"))
+    for _ in range(10):
+        field.send_keys(Keys.CONTROL, "a")
+        field.send_keys(seconds, Keys.TAB)
+        # While it plays, the page writes into the field, too; the first key stops it.
+        if float(field.get_attribute("value")) == float(seconds):
+            break
+    assert float(field.get_attribute("value")) == float(seconds)
+    driver.execute_script(
+        "document.querySelectorAll('.mantine-Notifications-root').forEach(e => e.style.display = 'none')"
+    )
+    before = None
+    for _ in range(40):
+        time.sleep(0.4)
+        canvas = driver.find_element(By.TAG_NAME, "canvas")
+        now = np.asarray(Image.open(io.BytesIO(canvas.screenshot_as_png)).convert("RGB"))
+        if before is not None and now.shape == before.shape and now.std() > 3 and np.array_equal(now, before):
+            return now
+        before = now
+    raise AssertionError("the scene does not come to rest")
+
+
+def test_missing_libraries_are_named(env, recording, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(maax.MissingLibraryError, match=r'viser.*pip install "maax_mjx\[viewer\]"'):
+        maax.replay(env, recording)
+    with pytest.raises(maax.MissingLibraryError, match=r'PyAV.*pip install "maax_mjx\[viewer\]"'):
+        maax.video(env, recording, tmp_path / "a.mp4", view="plan")
+
+
+def test_colours_of_teams_are_told_apart():
+    """Of Okabe and Ito's, the lightness of the first two differs even without colour."""
+    light = [0.299 * r + 0.587 * g + 0.114 * b for r, g, b, _ in palette.TEAMS[:2]]
+    assert abs(light[0] - light[1]) > 0.1
+    assert len(set(palette.TEAMS)) == len(palette.TEAMS)
+
+
+WRONG = {
+    "env": (lambda env, rec: maax.render(None, rec), "env: got None"),
+    "state": (lambda env, rec: maax.render(env, 3), "state: got int"),
+    "batch as state": (lambda env, rec: maax.render(env, rec), "state: got Recording"),
+    "worlds beyond": (lambda env, rec: maax.replay(env, rec, worlds=2), "worlds: got 2; takes a number below 2"),
+    "worlds text": (lambda env, rec: maax.replay(env, rec, worlds="all"), "worlds: got 'all'"),
+    "one world": (lambda env, rec: maax.render(env, recording_frame(rec), worlds=1), "worlds: got 1; the states are"),
+    "view": (lambda env, rec: maax.render(env, recording_frame(rec), view="4d"), "view: got '4d'"),
+    "size": (lambda env, rec: maax.render(env, recording_frame(rec), size=64), "size: got 64"),
+    "camera": (lambda env, rec: maax.replay(env, rec, camera="side"), "camera: got 'side'"),
+    "suffix": (lambda env, rec: maax.video(env, rec, "x.avi"), "path: got 'x.avi'"),
+    "odd": (lambda env, rec: maax.video(env, rec, "x.mp4", size=(65, 64)), r"size: got \(65, 64\)"),
+    "gif fps": (lambda env, rec: maax.video(env, rec, "x.gif", fps=60), "fps: got 60"),
+    "speed": (lambda env, rec: maax.replay(env, rec, speed=0), "speed: got 0"),
+    "states": (lambda env, rec: maax.replay(env, 3), "states: got int"),
+    "empty": (lambda env, rec: maax.replay(env, []), "states: got an empty list"),
+    "not states": (lambda env, rec: maax.replay(env, [1, 2]), "states: got a list with int"),
+    "one state": (lambda env, rec: maax.video(env, recording_frame(rec), "x.gif"), "states: got one state"),
+    "other env": (lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec)), "states of env"),
+    "vision": (
+        lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec), vision=True), "vision: got True"
+    ),
+    "lidar": (
+        lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec), lidar=True), "lidar: got True"
+    ),
+    "record worlds": (lambda env, rec: maax.record(env, None, None, 1), "worlds: got"),
+    "record show": (lambda env, rec: maax.record(maax.Worlds(env, 2), None, None, 1, show=5), "show: got 5"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_refused(env, recording, case):
+    call, message = WRONG[case]
+    with pytest.raises(ValueError, match=message):
+        call(env, recording)
