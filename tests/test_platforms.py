@@ -56,7 +56,7 @@ def test_auto(monkeypatch, backend, version, warp, best):
     monkeypatch.setattr(jax, "default_backend", lambda: backend)
     monkeypatch.setattr(jax, "local_devices", lambda: [Device])
     monkeypatch.setattr(select, "find_spec", lambda name: object() if warp else None)
-    assert select._best_impl() == best
+    assert select.best_impl() == best
 
 
 def test_c_is_refused_where_jax_computes_elsewhere(env_c, monkeypatch):

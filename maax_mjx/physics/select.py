@@ -46,7 +46,7 @@ def make_engine(
     """
     impl = check_impl(impl)
     if impl == "auto":
-        impl = _best_impl()
+        impl = best_impl()
     if impl == "c":
         if jax.default_backend() != "cpu":
             raise RuntimeError(
@@ -70,7 +70,8 @@ def warp_is_installed() -> bool:
     return find_spec("warp") is not None
 
 
-def _best_impl() -> str:
+def best_impl() -> str:
+    """What "auto" is here."""
     if jax.default_backend() == "cpu":
         return "c"
     nvidia = "cuda" in jax.local_devices()[0].client.platform_version.lower()

@@ -111,7 +111,7 @@ def paced(times: np.ndarray, fps: float) -> list[int]:
     return kept if kept[-1] == len(times) - 1 else [*kept, len(times) - 1]
 
 
-def _lean(state: State) -> State:
+def lean(state: State) -> State:
     """A state without what pictures do not need."""
     nothing: dict[str, Any] = dict.fromkeys(set(State.__dataclass_fields__) - set(KEPT))
     kept = {name: getattr(state, name) for name in KEPT}
@@ -121,7 +121,7 @@ def _lean(state: State) -> State:
 def _stacked(states: State, worlds: Picked, returns: Any) -> tuple[State, np.ndarray | None]:
     """Of states with the leading axes (n_frames,) or (n_frames, n_worlds), those of some worlds on the host."""
     check_not_donated(states.step)
-    parts = (_lean(states), returns)
+    parts = (lean(states), returns)
     if np.ndim(states.step) == 1:
         _only_one(worlds)
         parts = jax.tree.map(lambda x: x[:, None], parts)
@@ -155,7 +155,7 @@ def pick(state: State, worlds: Picked) -> tuple[State, np.ndarray | None]:
     """Some worlds of a state on the host, and their `episode_return` if it has any, with the leading axis (n,)."""
     check_not_donated(state.step)
     shape = np.shape(state.step)
-    parts = (_lean(state), state.episode_return if isinstance(state, WorldsState) else None)
+    parts = (lean(state), state.episode_return if isinstance(state, WorldsState) else None)
     if not shape:
         _only_one(worlds)
         return jax.tree.map(lambda x: np.asarray(x)[None], jax.device_get(parts))

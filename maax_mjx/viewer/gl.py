@@ -28,15 +28,10 @@ def open_context(width: int, height: int) -> Any:
         raise MissingLibraryError(f"view: got '3d' and MUJOCO_GL={chosen} in the environment; unset it, or {PLAN}")
     tried = []
     for name in _backends(chosen):
-        try:
-            if name in LIBRARIES:
-                ctypes.CDLL(LIBRARIES[name])
-            context = importlib.import_module(f"mujoco.{name}").GLContext(width, height)
-            context.make_current()
+        context, error = _try(name, width, height)
+        if context is not None:
             return context
-        except Exception as error:
-            # The libraries fail in ways of their own: OSError, ImportError, AttributeError, GLError.
-            tried.append(f"{name}: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
+        tried.append(f"{name}: {error}")
     raise MissingLibraryError(
         f"view: got '3d' and there is no OpenGL ({'; '.join(tried)}); on Debian and Ubuntu `apt-get install libegl1` "
         "(with a GPU's driver or libgl1-mesa-dri) or `apt-get install libosmesa6` (on the CPU) brings it, and "
@@ -45,6 +40,32 @@ def open_context(width: int, height: int) -> Any:
 
 
 PLAN = "take view='plan', which needs none"
+
+
+def backends() -> dict[str, str]:
+    """What `open_context` tries: "works" for the library that it takes, for those before it why they do not."""
+    found: dict[str, str] = {}
+    # A process can try no second library after one that works.
+    for name in _backends(os.environ.get("MUJOCO_GL", "").lower().strip()):
+        context, error = _try(name, 16, 16)
+        found[name] = error or "works"
+        if context is not None:
+            context.free()
+            break
+    return found
+
+
+def _try(name: str, width: int, height: int) -> tuple[Any, str]:
+    """A current context or None, and what went wrong."""
+    try:
+        if name in LIBRARIES:
+            ctypes.CDLL(LIBRARIES[name])
+        context = importlib.import_module(f"mujoco.{name}").GLContext(width, height)
+        context.make_current()
+        return context, ""
+    except Exception as error:
+        # The libraries fail in ways of their own: OSError, ImportError, AttributeError, GLError.
+        return None, str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def _backends(chosen: str) -> list[str]:

@@ -1,0 +1,77 @@
+"""The command line, `maax-mjx`: a file for each command."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import tyro
+
+from maax_mjx.cli.bench import bench
+from maax_mjx.cli.info import Info, info
+from maax_mjx.cli.options import MISTAKES, split_overrides
+from maax_mjx.cli.replay import Replay, replay
+from maax_mjx.cli.rollout import Rollout, rollout
+from maax_mjx.cli.worlds import Sheet, sheet
+
+DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
+
+Exit codes: 0 done; 2 a mistake in what was asked, named on stderr; 130 interrupted, with what was done written.
+Tab completion: maax-mjx --tyro-print-completion bash (or zsh, tcsh) prints what your shell is to source."""
+
+
+@dataclass
+class Bench:
+    """Times things: maax-mjx bench lists what, maax-mjx bench NAME --help the options."""
+
+
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "rollout": Rollout,
+    "worlds": Sheet,
+    "replay": Replay,
+    "info": Info,
+    "bench": Bench,
+}
+
+
+def main(argv: list[str] | None = None) -> None:
+    """The entry point: parses the command line and runs the command.
+
+    Args:
+        argv: the arguments; None is those of the process.
+
+    Raises:
+        SystemExit: 2 for a user's mistake, 130 after Ctrl-C.
+    """
+    argv = sys.argv[1:] if argv is None else argv
+    try:
+        if argv[:1] == ["bench"]:
+            bench(argv[1:])
+        else:
+            run(argv)
+    except MISTAKES as error:
+        print(f"maax-mjx: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("maax-mjx: interrupted", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+def run(argv: list[str]) -> None:
+    """Runs any command but `bench`, whose options are those of a benchmark."""
+    argv, overrides = split_overrides(argv)
+    args = tyro.extras.subcommand_cli_from_dict(
+        COMMANDS, args=argv, prog="maax-mjx", description=DESCRIPTION, config=(tyro.conf.OmitArgPrefixes,)
+    )
+    if isinstance(args, Rollout):
+        rollout(args, overrides)
+    elif overrides:
+        raise ValueError(f"--env.{next(iter(overrides))}: only rollout takes fields of an environment's config")
+    elif isinstance(args, Sheet):
+        sheet(args)
+    elif isinstance(args, Replay):
+        replay(args)
+    elif isinstance(args, Info):
+        info(args)

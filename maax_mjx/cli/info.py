@@ -1,0 +1,121 @@
+"""`maax-mjx info`: what is installed here, and what environments take."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import jax
+import tyro
+
+import maax_mjx as maax
+from maax_mjx.cli.options import report
+from maax_mjx.physics import IMPLS, best_impl, check_impl
+from maax_mjx.viewer.gl import backends
+
+PACKAGES = (
+    "jax",
+    "jaxlib",
+    "mujoco",
+    "mujoco-mjx",
+    "warp-lang",
+    "flax",
+    "numpy",
+    "gymnasium",
+    "orbax-checkpoint",
+    "viser",
+    "av",
+)
+
+
+@dataclass
+class Info:
+    """Tells what is installed: versions, devices, engines, OpenGL; or of an environment, the fields of its config."""
+
+    env: tyro.conf.Positional[str] = ""
+    """An environment's name; none tells what is installed."""
+    json: bool = False
+    """Whether to print the result as JSON."""
+
+
+def info(args: Info) -> None:
+    """Runs the command.
+
+    Raises:
+        ValueError: an unknown environment.
+    """
+    result = of_env(args.env) if args.env else of_installation()
+    report(result, args.json, "\n".join(_lines(result)))
+
+
+def of_installation() -> dict[str, Any]:
+    """Versions, devices, which engines can be used, which "auto" takes, which OpenGL library works."""
+    return {
+        "maax_mjx": maax.__version__,
+        "python": platform.python_version(),
+        "packages": {name: _version(name) for name in PACKAGES},
+        "devices": [str(device.device_kind) for device in jax.devices()],
+        "cpus": os.cpu_count(),
+        "engines": {impl: _engine(impl) for impl in IMPLS if impl != "auto"},
+        "auto": best_impl(),
+        "opengl": backends(),
+        "compiled programs": getattr(jax.config, "jax_compilation_cache_dir", None) or "not kept",
+        "environments": maax.tasks(),
+    }
+
+
+def of_env(name: str) -> dict[str, Any]:
+    """An environment's config: what it says of itself, and its fields with their defaults, inner ones dotted."""
+    config = maax.config_of(name)
+    texts = [inspect.getdoc(kind) for kind in type(config).__mro__ if is_dataclass(kind)]
+    return {"env": name, "fields": _fields(config), "about": [text for text in texts if text]}
+
+
+def _fields(config: Any, prefix: str = "") -> dict[str, str]:
+    found: dict[str, str] = {}
+    for f in fields(config):
+        value = getattr(config, f.name)
+        if is_dataclass(value):
+            found |= _fields(value, f"{prefix}{f.name}.")
+        else:
+            found[prefix + f.name] = getattr(value, "__name__", repr(value))
+    return found
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _engine(impl: str) -> str:
+    try:
+        check_impl(impl)
+    except maax.MissingLibraryError as error:
+        return str(error)
+    platform_of = jax.default_backend()
+    if impl == "c" and platform_of != "cpu":
+        return "only with JAX_PLATFORMS=cpu in the environment"
+    if impl == "warp" and platform_of not in ("gpu", "cuda"):
+        return "works, slowly: there is no NVIDIA GPU"
+    return "works"
+
+
+def _lines(result: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for name, value in result.items():
+        if name == "about":
+            lines += ["", *"\n\n".join(value).splitlines()]
+        elif isinstance(value, Mapping):
+            lines += [f"{name}", *(f"  {key:26} {text}" for key, text in value.items())]
+        elif isinstance(value, list):
+            lines.append(f"{name:18} {', '.join(value)}")
+        else:
+            lines.append(f"{name:18} {value}")
+    return lines

@@ -1,0 +1,121 @@
+"""What commands share: fields of an environment's config, results for machines, interrupts."""
+
+from __future__ import annotations
+
+import ast
+import json
+import signal
+import sys
+from collections.abc import Mapping
+from dataclasses import is_dataclass
+from typing import Any
+
+import maax_mjx as maax
+from maax_mjx.env import Environment
+
+ENV = "--env."
+MISTAKES = (ValueError, OSError, maax.MissingLibraryError)
+
+
+def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
+    """The arguments without `--env.FIELD VALUE`, and these as FIELD: VALUE.
+
+    A value ends at the next option; several words are joined by commas, so that `--env.n_boxes 2 6` is
+    `--env.n_boxes 2,6`.
+
+    Raises:
+        ValueError: a field without a value.
+    """
+    rest: list[str] = []
+    found: dict[str, list[str]] = {}
+    name, open_ended = "", False
+    for word in argv:
+        if word.startswith(ENV):
+            name, equals, value = word.removeprefix(ENV).partition("=")
+            name, open_ended = name.replace("-", "_"), not equals
+            found[name] = [value] if equals else []
+        elif open_ended and not word.startswith("--"):
+            found[name].append(word)
+        else:
+            open_ended = False
+            rest.append(word)
+    for name, words in found.items():
+        if not any(words):
+            raise ValueError(f"{ENV}{name}: got no value; takes one, such as 3, or 2,6 for a range")
+    return rest, {name: ",".join(words) for name, words in found.items()}
+
+
+def value_of(text: str) -> Any:
+    """A Python literal, words between commas as a tuple, or the word itself."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return tuple(value_of(part) for part in text.split(",")) if "," in text else text
+
+
+def make_env(name: str, impl: str, overrides: Mapping[str, str]) -> Environment:
+    """An environment by name, whose config's fields are given as texts.
+
+    True stands for the defaults of a field that is a config of its own, such as `--env.grab True`.
+
+    Raises:
+        ValueError: what `maax.make` refuses.
+    """
+    config = maax.config_of(name, impl=impl)
+    configs = _inner_configs(type(config))
+    values = {field: value_of(text) for field, text in overrides.items()}
+    for field, inner in configs.items():
+        if values.get(field) is True:
+            values[field] = inner()
+    # Whole configs first, so that their own fields can follow in any order.
+    return maax.make(name, config, **dict(sorted(values.items(), key=lambda item: "." in item[0])))
+
+
+def _inner_configs(config: type) -> dict[str, type]:
+    """The classes of fields that are configs of their own, or None."""
+    found = {}
+    for kind in config.__mro__:
+        names = vars(sys.modules[kind.__module__])
+        for field, annotation in vars(kind).get("__annotations__", {}).items():
+            inner = names.get(str(annotation).partition("|")[0].strip())
+            if is_dataclass(inner) and isinstance(inner, type):
+                found[field] = inner
+    return found
+
+
+def report(result: Mapping[str, Any], as_json: bool, lines: str) -> None:
+    """Prints a command's result: JSON for machines, or lines for people."""
+    print(json.dumps(result, indent=1) if as_json else lines, flush=True)
+
+
+def count_of(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:
+    """A number, or a range of two.
+
+    Raises:
+        ValueError: more or fewer.
+    """
+    if len(values) == 1:
+        return values[0]
+    if len(values) == 2:
+        return values[0], values[1]
+    raise ValueError(f"{name}: got {values}; takes one number, or LOW HIGH")
+
+
+class Interrupt:
+    """Notes Ctrl-C instead of raising it, which would tear down the physics in the middle of a step.
+
+    A second one raises.
+    """
+
+    def __enter__(self) -> Interrupt:
+        self.asked = False
+        self._before = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _note(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True

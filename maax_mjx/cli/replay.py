@@ -1,0 +1,77 @@
+"""`maax-mjx replay`: a saved rollout as a page or a film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import tyro
+from PIL import Image
+
+import maax_mjx as maax
+from maax_mjx.cli.options import report
+from maax_mjx.cli.saved import load
+
+KINDS = (".html", ".mp4", ".gif", ".png")
+
+
+@dataclass
+class Replay:
+    """Makes a page (.html), a film (.mp4, .gif) or a picture of the last moment (.png) of a saved rollout."""
+
+    file: tyro.conf.Positional[Path]
+    """The rollout.npz that maax-mjx rollout wrote."""
+    out: Path | None = None
+    """What to write, by its ending; none is the file's name with .html."""
+    worlds: tuple[int, ...] = ()
+    """Which of its worlds, side by side; none given are all."""
+    speed: float = 1.0
+    """1 is real time."""
+    size: tuple[int, int] = (640, 480)
+    """Of a film or picture, in pixels."""
+    view: str = "auto"
+    """Of a film or picture: 3d, which needs OpenGL, plan, which needs none, or auto."""
+    vision: bool = False
+    """Whether to show who sees where and whom; needs LineOfSight in the environment."""
+    lidar: bool = False
+    """Whether to show the lidar's rays; needs Lidar in the environment."""
+    json: bool = False
+    """Whether to print the result as JSON."""
+
+
+def replay(args: Replay) -> None:
+    """Runs the command.
+
+    Raises:
+        ValueError: another ending, a file that is no rollout, or what the pictures refuse.
+        MissingLibraryError: without what the kind of picture needs.
+    """
+    out = args.file.with_suffix(".html") if args.out is None else args.out
+    kind = out.suffix.lower()
+    if kind not in KINDS:
+        raise ValueError(f"out: got {out}; takes a file that ends in one of {', '.join(KINDS)}")
+    env, recording = load(args.file)
+    worlds = list(args.worlds) or None
+    out.parent.mkdir(parents=True, exist_ok=True)
+    # Written beside and moved, so that an interrupt leaves no half of a file.
+    part = out.with_name(f".{out.stem}.part{kind}")
+    senses: Any = {"vision": args.vision, "lidar": args.lidar}
+    try:
+        if kind == ".html":
+            maax.replay(env, recording, part, worlds=worlds, speed=args.speed, **senses)
+        elif kind == ".png":
+            last = jax.tree.map(lambda x: x[-1], recording.states)
+            shown = worlds or list(range(len(last.step)))
+            picture = maax.render(env, last, worlds=shown, size=args.size, view=args.view, **senses)
+            Image.fromarray(picture).save(part)
+        else:
+            maax.video(env, recording, part, worlds=worlds, speed=args.speed, size=args.size, view=args.view, **senses)
+        part.replace(out)
+    finally:
+        part.unlink(missing_ok=True)
+    n_frames, n_worlds = recording.states.step.shape
+    n_bytes = out.stat().st_size
+    result = {"file": str(out), "frames": n_frames, "worlds": len(worlds or range(n_worlds)), "bytes": n_bytes}
+    report(result, args.json, f"wrote {out}: {n_frames} frames, {n_bytes / 1e6:.2f} MB")

@@ -1,0 +1,181 @@
+"""`maax-mjx rollout`: a batch of worlds under random actions, its speed, pictures and files."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+import maax_mjx as maax
+from maax_mjx.checks import check_count
+from maax_mjx.cli.options import Interrupt, make_env, report
+from maax_mjx.cli.saved import save
+from maax_mjx.env import Environment
+from maax_mjx.export import world_of
+from maax_mjx.parallel import Worlds, WorldsState
+from maax_mjx.viewer import Recording, contact_sheet, gif
+from maax_mjx.viewer.film import pick
+
+SHEET = 12
+HOLD = 24
+"""Env steps for which a random action is held."""
+FPS = 25
+MAX_FRAMES = 250
+"""Of the pictures, which show the first ten seconds of a longer rollout."""
+
+
+@dataclass
+class Rollout:
+    """Builds an environment, rolls out a batch of worlds with random actions, and draws them.
+
+    Fields of the environment's config, which `maax-mjx info ENV` lists, are given as --env.n_boxes 2,6 --env.grab True
+    --env.lock.radius 0.3. Writes worlds.png (12 worlds from above), rollout.gif (world 0 moving), rollout.npz (for
+    `maax-mjx replay`), replay.html (a page to look around in; needs the extra "viewer") and world.xml (world 0 for
+    plain MuJoCo).
+    """
+
+    env: tyro.conf.Positional[str] = "standard"
+    """The environment's name."""
+    worlds: int = 256
+    """Worlds stepped together, each in a layout of its own."""
+    steps: int = 500
+    """Env steps."""
+    seed: int = 0
+    """Of the worlds and the actions."""
+    impl: str = "auto"
+    """Physics engine: auto, c, jax or warp."""
+    show: int = 1
+    """Of how many worlds rollout.npz and replay.html are."""
+    out: Path = field(default_factory=lambda: Path("maax-out"))
+    """Folder for the files."""
+    json: bool = False
+    """Whether to print the result as JSON; progress goes to stderr."""
+
+
+def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
+    """Runs the command.
+
+    Args:
+        args: the options.
+        overrides: of the environment's config, as texts.
+
+    Raises:
+        ValueError: an option out of its range, or what `maax.make` refuses.
+        KeyboardInterrupt: after Ctrl-C, when all is written.
+    """
+    for name in ("worlds", "steps", "show"):
+        check_count(name, getattr(args, name), minimum=1)
+    if not 0 <= args.seed < 2**63:
+        raise ValueError(f"seed: got {args.seed}; takes 0 to 2**63 - 1")
+    if args.show > args.worlds:
+        raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
+    env = make_env(args.env, args.impl, overrides)
+    args.out.mkdir(parents=True, exist_ok=True)
+    worlds = Worlds(env, args.worlds)
+    world_key, action_key = jax.random.split(jax.random.key(args.seed))
+    bar = tqdm(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
+    start = time.perf_counter()
+    states = worlds.reset(world_key, stagger=True)
+    first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
+    advance = _advance(worlds).lower(states, action_key, 1).compile()
+    compiled = time.perf_counter() - start
+    shown = list(range(args.show))
+    every = max(1, round(1 / (FPS * env.base.n_frames * env.base.world_params.timestep)))
+    frames, done, spent = [pick(states, shown)], 0, 0.0
+    bar.set_description_str(f"{args.worlds} worlds")
+    with Interrupt() as interrupt, bar:
+        while done < args.steps and not interrupt.asked:
+            n = min(every, args.steps - done)
+            start = time.perf_counter()
+            key = jax.random.fold_in(action_key, done // HOLD)
+            states = jax.block_until_ready(advance(states, key, jnp.asarray(n)))
+            spent += time.perf_counter() - start
+            done += n
+            bar.update(n)
+            bar.set_postfix_str(f"{done * args.worlds / spent:,.0f} env-steps/s")
+            if len(frames) < MAX_FRAMES:
+                frames.append(pick(states, shown))
+    recording = Recording(*jax.tree.map(lambda *x: np.stack(x), *frames))
+    files = _write(args, overrides, env, states, first, recording)
+    result = _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
+    report(result, args.json, _summary(result))
+    if interrupt.asked:
+        raise KeyboardInterrupt
+
+
+def _advance(worlds: Worlds) -> jax.stages.Wrapped:
+    """`(states, key, n)`: n steps under one random action of every world."""
+
+    def advance(states: WorldsState, key: jax.Array, n: jax.Array) -> WorldsState:
+        action = worlds.sample_action(key)
+        return jax.lax.fori_loop(0, n, lambda _, s: worlds.step_fn(s, action), states)
+
+    return jax.jit(advance, donate_argnums=0)
+
+
+def _write(
+    args: Rollout,
+    overrides: Mapping[str, str],
+    env: Environment,
+    states: WorldsState,
+    first: list[maax.State],
+    recording: Recording,
+) -> list[str]:
+    """Writes the files, the quick ones first."""
+    out = args.out
+    save(out / "rollout.npz", args.env, overrides, recording)
+    (out / "world.xml").write_text(maax.to_mjcf(env, states, world=0))
+    contact_sheet(env, first, out / "worlds.png", [f"world {i}" for i in range(len(first))])
+    written = ["worlds.png", "rollout.npz", "world.xml"]
+    try:
+        maax.replay(env, recording, out / "replay.html")
+        written.append("replay.html")
+    except maax.MissingLibraryError as error:
+        tqdm.write(f"no replay.html: {error}")
+    moments = [jax.tree.map(lambda x, t=t: x[t, 0], recording.states) for t in range(len(recording.states.step))]
+    gif(env, tqdm(moments, desc="rollout.gif", unit="frame", mininterval=0.5), out / "rollout.gif", FPS)
+    return [str(out / name) for name in [*written, "rollout.gif"]]
+
+
+def _result(
+    args: Rollout, env: Environment, states: WorldsState, steps: int, spent: float, compiled: float
+) -> dict[str, Any]:
+    base, rate = env.base, args.worlds * steps / spent if spent else 0.0
+    return {
+        "env": args.env,
+        "engine": base.engine.impl,
+        "device": jax.devices()[0].device_kind,
+        "worlds": args.worlds,
+        "agents": base.n_agents,
+        "steps": steps,
+        "env_steps_per_s": round(rate),
+        "physics_steps_per_s": round(rate * base.n_frames),
+        "agent_steps_per_s": round(rate * base.n_agents),
+        "compile_s": round(compiled, 1),
+        **states.totals(),
+    }
+
+
+def _summary(result: Mapping[str, Any]) -> str:
+    rows = {
+        "engine": f"{result['engine']} on {result['device']}",
+        "worlds": f"{result['worlds']:,} ({result['agents']} agents each), random actions held for {HOLD} steps",
+        "env-steps/s": f"{result['env_steps_per_s']:,}",
+        "physics steps/s": f"{result['physics_steps_per_s']:,}",
+        "agent-steps/s": f"{result['agent_steps_per_s']:,}",
+        "compile time": f"{result['compile_s']} s",
+        "episodes ended": f"{result['episodes']:,}",
+        "invalid layouts": f"{result['layout_invalid']:,}",
+        "contact overflow": f"{result['contact_overflow']:,} steps",
+        "physics faults": f"{result['physics_fault']:,}",
+        "wrote": ", ".join(result["files"]),
+    }
+    return "\n".join(f"  {name:17} {value}" for name, value in rows.items())

@@ -1,0 +1,68 @@
+"""The file of a rollout: the states of some worlds over time, and how their environment is made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import maax_mjx as maax
+from maax_mjx.cli.options import make_env
+from maax_mjx.env import Environment
+from maax_mjx.viewer import Recording
+from maax_mjx.viewer.film import lean
+
+FORMAT = 1
+META = "meta"
+
+
+def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recording) -> None:
+    """Writes a recording, whole or not at all.
+
+    Args:
+        path: the .npz file.
+        env: the environment's name.
+        overrides: of its config, as texts.
+        recording: what was played.
+    """
+    meta = {"format": FORMAT, "maax_mjx": maax.__version__, "env": env, "overrides": dict(overrides)}
+    part = path.with_suffix(".part.npz")
+    arrays: dict[str, Any] = {META: np.array(json.dumps(meta))} | _leaves(recording)
+    np.savez_compressed(part, **arrays)
+    part.replace(path)
+
+
+def load(path: Path) -> tuple[Environment, Recording]:
+    """The environment, on the C engine or where there is an accelerator on MJX-JAX, and what was played in it.
+
+    Raises:
+        ValueError: a file that `save` did not write, or with another version.
+    """
+    try:
+        with np.load(path) as file:
+            arrays = dict(file)
+        meta = json.loads(str(arrays.pop(META)))
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"file: got {path}, which is no saved rollout ({error}); takes a rollout.npz") from None
+    if meta["format"] != FORMAT:
+        raise ValueError(f"file: got {path} of format {meta['format']}; takes format {FORMAT}")
+    # Pictures need no engine; which one it is does not matter.
+    env = make_env(meta["env"], "c" if jax.default_backend() == "cpu" else "jax", meta["overrides"])
+    shapes = jax.eval_shape(env.reset, jax.random.key(0))
+    template = Recording(lean(shapes), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
+    missing = sorted(set(_leaves(template)) - set(arrays))
+    if missing:
+        raise ValueError(
+            f"file: got {path}, written by maax_mjx {meta['maax_mjx']}, without {', '.join(missing)}; "
+            f"this is maax_mjx {maax.__version__}"
+        )
+    return env, jax.tree.unflatten(jax.tree.structure(template), [arrays[name] for name in _leaves(template)])
+
+
+def _leaves(tree: Any) -> dict[str, Any]:
+    return {jax.tree_util.keystr(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}

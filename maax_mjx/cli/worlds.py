@@ -1,0 +1,106 @@
+"""`maax-mjx worlds`: layouts from above."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import jax
+
+import maax_mjx as maax
+from maax_mjx.checks import check_choice
+from maax_mjx.cli.options import count_of, report
+from maax_mjx.export import world_of
+from maax_mjx.layout import PlacementFn
+from maax_mjx.physics import World
+from maax_mjx.viewer import contact_sheet
+
+Outer = Literal["walls", "limits", "none"]
+
+
+@dataclass
+class Sheet:
+    """Draws worlds from above: a contact sheet of layouts, nothing is stepped."""
+
+    scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
+    """Room scenarios; of several, every world draws one."""
+    placement: tuple[str, ...] = ("uniform",)
+    """Where the agents go, each placement in worlds of its own: uniform, centre, quad, outside_quad,
+    middle:FRACTION, separation:RADIUS,
+    proximity:RADIUS:OBJECT (such as proximity:1:box0), room:INDEX."""
+    n: int = 12
+    """How many worlds for each placement."""
+    outer: Outer = "walls"
+    """What closes the arena: walls, joint limits, or nothing."""
+    n_agents: int = 4
+    """Agents per world."""
+    n_boxes: tuple[int, ...] = (1,)
+    """Boxes per world: one number, or LOW HIGH for a range."""
+    n_elongated_boxes: tuple[int, ...] = (0,)
+    """Elongated ones among the boxes: one number, or LOW HIGH for a range."""
+    n_ramps: tuple[int, ...] = (1,)
+    """Ramps per world: one number, or LOW HIGH for a range."""
+    seed: int = 0
+    """Of the worlds."""
+    out: Path = field(default_factory=lambda: Path("maax-out") / "sheet.png")
+    """The picture."""
+    json: bool = False
+    """Whether to print the result as JSON."""
+
+
+def sheet(args: Sheet) -> None:
+    """Runs `maax-mjx worlds`."""
+    if args.n < 1:
+        raise ValueError(f"n: got {args.n}; takes at least 1")
+    drawn = []
+    for placement in args.placement:
+        env = maax.Base(args.n_agents)
+        env.add_module(maax.WallScenarios(args.scenario, outer=args.outer))
+        boxes, elongated = count_of("n_boxes", args.n_boxes), count_of("n_elongated_boxes", args.n_elongated_boxes)
+        env.add_module(maax.Boxes(boxes, n_elongated_boxes=elongated))
+        env.add_module(maax.Agents(args.n_agents, parse_placement(placement)))
+        env.add_module(maax.Ramps(count_of("n_ramps", args.n_ramps)))
+        states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
+        drawn += [(env, world_of(states, i), placement) for i in range(args.n)]
+    titles = [_title(args, state.world, placement) for _, state, placement in drawn]
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    contact_sheet([env for env, *_ in drawn], [state for _, state, _ in drawn], args.out, titles)
+    invalid = sum(not state.world.valid for _, state, _ in drawn)
+    result = {"file": str(args.out), "worlds": len(drawn), "invalid": invalid}
+    report(result, args.json, f"wrote {args.out}: {len(drawn)} worlds, {invalid} invalid")
+
+
+def _title(args: Sheet, world: World, placement: str) -> str:
+    parts = [args.scenario[int(world.plan.scenario)]] if len(args.scenario) > 1 else []
+    parts += [placement] if len(args.placement) > 1 else []
+    return ", ".join(parts or [placement]) + ("" if world.valid else " (invalid)")
+
+
+def parse_placement(text: str) -> PlacementFn:
+    """The placement function that a text such as "middle:0.5" names.
+
+    Raises:
+        ValueError: an unknown name, or arguments that it does not take.
+    """
+    name, *values = text.split(":")
+    plain = {
+        "uniform": maax.uniform_placement,
+        "centre": maax.centre_placement,
+        "quad": maax.quad_placement,
+        "outside_quad": maax.outside_quad_placement,
+    }
+    made: dict[str, Callable[..., PlacementFn]] = {
+        "middle": lambda fraction: maax.middle_placement(float(fraction)),
+        "separation": lambda radius: maax.separation_placement(float(radius)),
+        "proximity": lambda radius, to: maax.proximity_placement(float(radius), to),
+        "room": lambda index: maax.room_placement(int(index)),
+    }
+    check_choice("placement", name, [*plain, *made])
+    if name in plain and not values:
+        return plain[name]
+    try:
+        return made[name](*values)
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"placement: got {text!r}; see maax-mjx worlds --help for what {name!r} takes") from None
