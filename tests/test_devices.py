@@ -18,7 +18,8 @@ import maax_mjx as maax
 ROOT = Path(__file__).parent.parent
 SCRIPT = ROOT / "notebooks" / "multi_device.py"
 N_WORLDS, STEPS, ROUNDS = 4, 4, 2
-SMALL = {"scenario": "'empty'", "n_hiders": "1", "n_seekers": "0", "n_boxes": "0", "n_ramps": "0", "horizon": "3"}
+SMALL = {"scenario": "'empty'", "outer": "'none'", "n_hiders": "1", "n_seekers": "0", "n_boxes": "0", "n_ramps": "0"}
+SMALL |= {"horizon": "3"}
 
 
 def start(folder, *options):
