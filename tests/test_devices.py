@@ -18,15 +18,15 @@ import maax_mjx as maax
 ROOT = Path(__file__).parent.parent
 SCRIPT = ROOT / "notebooks" / "multi_device.py"
 N_WORLDS, STEPS, ROUNDS = 4, 4, 2
-SMALL = {"scenario": "'empty'", "n_hiders": "1", "n_seekers": "0", "n_boxes": "0", "n_ramps": "0", "horizon": "3"}
+SMALL = {"scenario": "'empty'", "outer": "'none'", "n_hiders": "1", "n_seekers": "0", "n_boxes": "0", "n_ramps": "0"}
+SMALL |= {"horizon": "3"}
 
 
 def start(folder, *options):
     """The script in a process of its own, on two virtual devices."""
     env = os.environ | {
         "PYTHONPATH": str(ROOT),
-        "XLA_FLAGS": "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0",
-        "JAX_COMPILATION_CACHE_DIR": str(ROOT / ".jax_cache"),
+        "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2",
     }
     command = [sys.executable, str(SCRIPT), "--env", "standard", "--impl", "jax", "--worlds", str(N_WORLDS)]
     command += ["--overrides", *(f"{name}={value}" for name, value in SMALL.items())]

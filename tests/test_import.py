@@ -15,9 +15,6 @@ env = maax.make("standard")
 env.model
 assert not xla_bridge.backends_are_initialized(), "a JAX backend was initialised"
 assert not {"matplotlib", "viser", "av"} & set(sys.modules), "what only pictures need was imported"
-"""
-FOLDER = """
-import sys, jax, maax_mjx
 print(jax.config.jax_compilation_cache_dir, file=sys.stderr)
 """
 
@@ -32,14 +29,11 @@ def python(code, **variables):
     return done.stderr.strip()
 
 
-def test_import_and_make_do_not_initialise_a_backend_and_print_nothing():
-    python(CODE)
-
-
 @pytest.mark.parametrize("chosen", [False, True])
-def test_compiled_programs_are_kept_where_the_user_says(chosen, tmp_path):
+def test_import_and_make(chosen, tmp_path):
+    """They initialise no backend, print nothing, and have compiled programs kept where the user says."""
     own = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "own")} if chosen else {}
-    folder = python(FOLDER, XDG_CACHE_HOME=str(tmp_path), **own)
+    folder = python(CODE, XDG_CACHE_HOME=str(tmp_path), **own)
     assert (
         folder == own["JAX_COMPILATION_CACHE_DIR"] if chosen else folder.startswith(str(tmp_path / "maax_mjx" / "xla-"))
     )

@@ -24,7 +24,7 @@ def test_locks_and_holds(impl):
     env = maax.Lidar(maax.LineOfSight(maax.TeamMembership(env), objects=["boxes"]), 4)
     env = maax.GrabObjects(maax.LockObjects(env, ["boxes"]), ["boxes"])
     base = env.base
-    state = env.reset(jax.random.key(0))
+    state = jax.jit(env.reset)(jax.random.key(0))
     agent, box = base.agents.qpos_ids[0], base.modules["boxes"].qpos_ids[0]
     qpos = state.data.qpos.at[agent[:2]].set(jnp.array([2.5, 3.0])).at[box[:2]].set(jnp.array([2.93, 3.0]))
     state = state.replace(data=base.engine.pose(state.world, state.data.replace(qpos=qpos)))

@@ -1,92 +1,15 @@
-"""What people look at: the command line, its pictures and its file."""
+"""Worlds from above."""
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
-
 import jax
-import mujoco
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from maax_mjx.cli import Rollout, Sheet, parse_placement, rollout, sheet
 from maax_mjx.export import world_of
 from maax_mjx.viewer import contact_sheet, draw_plan
-
-
-def test_rollout_writes_what_it_says(tmp_path, capsys):
-    args = Rollout(worlds=6, steps=20, n_boxes=(1, 2), n_ramps=(0,), out=tmp_path / "out")
-    rollout(args)
-    printed = capsys.readouterr().out
-    for word in ("engine", "worlds", "env-steps/s", "physics steps/s", "agent-steps/s", "compile time",
-                 "invalid layouts", "contact overflow"):  # fmt: skip
-        assert word in printed
-    sheet = np.asarray(Image.open(args.out / "worlds.png"))
-    assert sheet.std() > 10
-    gif = Image.open(args.out / "rollout.gif")
-    assert gif.n_frames == 4
-    model = mujoco.MjModel.from_xml_path(str(args.out / "world.xml"))
-    assert model.nkey == 1
-    assert model.njnt == 4 * 4 + 2 * 4
-
-
-@pytest.mark.parametrize(
-    ("argument", "name"), [("--scenario=quda", "scenario"), ("--n-boxes=50", "n_boxes|boxes"), ("--worlds=0", "worlds")]
-)
-def test_a_mistake_exits_with_2_and_names_it(argument, name, tmp_path):
-    command = [sys.executable, "-c", "from maax_mjx.cli import main; main()", "rollout", argument, f"--out={tmp_path}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2
-    assert any(word in done.stderr for word in name.split("|"))
-    assert "Traceback" not in done.stderr
-
-
-def test_ctrl_c_writes_what_was_done(tmp_path):
-    """The first interrupt ends the rollout after the step that runs, with everything written."""
-    command = [
-        sys.executable,
-        "-c",
-        "from maax_mjx.cli import main; main()",
-        "rollout",
-        "--worlds=4",
-        "--steps=10000000",
-    ]
-    process = subprocess.Popen(
-        [*command, f"--out={tmp_path}"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    seen = ""
-    while "env-steps/s" not in seen:
-        seen += process.stderr.read(1)
-    process.send_signal(signal.SIGINT)
-    printed, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert "interrupted: writing what was done" in printed
-    for name in ("worlds.png", "rollout.gif", "world.xml"):
-        assert (tmp_path / name).stat().st_size > 1000
-
-
-def test_sheet_of_worlds(tmp_path, capsys):
-    sheet(Sheet(scenario=("tri", "random"), placement=("proximity:1.5:box0",), n=5, out=tmp_path / "a" / "sheet.png"))
-    assert "5 worlds, 0 invalid" in capsys.readouterr().out
-    assert np.asarray(Image.open(tmp_path / "a" / "sheet.png")).std() > 10
-
-
-@pytest.mark.parametrize("text", ["middle", "quad:3", "nowhere", "room:x", "proximity:1"])
-def test_placements_that_are_none(text):
-    with pytest.raises(ValueError, match="placement: got"):
-        parse_placement(text)
-
-
-def test_help_explains_every_option():
-    command = [sys.executable, "-c", "from maax_mjx.cli import main; main()", "rollout", "--help"]
-    printed = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-    for option in ("--worlds", "--steps", "--seed", "--impl", "--scenario", "--n-hiders", "--n-seekers", "--n-boxes",
-                   "--n-ramps", "--out"):  # fmt: skip
-        assert option in printed
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 
 import maax_mjx as maax
+from maax_mjx.benchmarks import soak
 
 N, T, HORIZON = 6, 5, 4
 
@@ -179,42 +179,18 @@ def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
 
 
 def test_a_killed_run_loses_its_last_interval_at_most(tmp_path):
-    """The soak, killed in the middle and begun again, comes to the same as one that was left alone."""
+    """The soak, killed in the middle and begun again in this process, comes to the same as one that was left alone."""
 
-    def soak(name, steps):
-        command = [
-            sys.executable,
-            "-m",
-            "maax_mjx.benchmarks.soak",
-            "--env",
-            "standard",
-            "--impl",
-            "c",
-            "--worlds",
-            "4",
-        ]
-        command += [
-            "--chunk",
-            "10",
-            "--every",
-            "1",
-            "--physics-steps",
-            str(4 * steps),
-            "--folder",
-            str(tmp_path / name),
-        ]
-        env = os.environ | {"JAX_PLATFORMS": "cpu"}
-        return subprocess.Popen(
-            [*command, "--out", str(tmp_path / f"{name}.json")],
-            env=env,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-        )
+    def options(name, steps):
+        here = {"folder": tmp_path / name, "out": tmp_path / f"{name}.json"}
+        return {"env": "standard", "impl": "c", "worlds": 4, "chunk": 10, "every": 1, "physics_steps": 4 * steps} | here
 
     def row(name):
         return json.loads((tmp_path / f"{name}.json").read_text())["rows"][0]
 
-    alone, killed = soak("alone", 60), soak("killed", 10**6)
+    words = [f"--{name.replace('_', '-')}={value}" for name, value in options("killed", 10**6).items()]
+    command = [sys.executable, "-m", "maax_mjx.benchmarks.soak", *words]
+    killed = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     until = time.monotonic() + 300
     while not (tmp_path / "killed.json").exists() or row("killed")["env_steps"] < 4 * 20:
         assert killed.poll() is None, killed.stdout.read()
@@ -222,16 +198,12 @@ def test_a_killed_run_loses_its_last_interval_at_most(tmp_path):
         time.sleep(0.05)
     killed.send_signal(signal.SIGKILL)
     killed.wait()
-    assert alone.wait(300) == 0, alone.stdout.read()
     saved = max(int(path.name) for path in (tmp_path / "killed").iterdir() if path.name.isdigit())
     assert saved >= row("killed")["env_steps"] // 4, "what was told was saved"
-    steps = max(60, saved + 10)
-    goes_on = soak("killed", steps)
-    assert goes_on.wait(300) == 0, goes_on.stdout.read()
-    assert row("killed")["env_steps"] == 4 * steps
+    for name in ("killed", "alone"):
+        soak.main(soak.Config(**options(name, saved + 10)))
+    assert row("killed")["env_steps"] == row("alone")["env_steps"] == 4 * (saved + 10)
     assert row("killed")["runs"] == 2
-    if steps > 60:
-        assert soak("alone", steps).wait(300) == 0
     worlds = maax.Worlds(maax.make("standard", impl="c"), 4)
     ends = [maax.Checkpoints(tmp_path / name).restore(worlds)[0] for name in ("alone", "killed")]
     assert_same(*ends)

@@ -98,7 +98,7 @@ def test_frames_ranges_and_compression():
     env = maax.Base(1, impl="c")
     env.add_module(maax.WallScenarios("empty"))
     env.add_module(maax.Agents(1, maax.centre_placement))
-    state = env.reset(jax.random.key(0))
+    state = jax.jit(env.reset)(jax.random.key(0))
     agents = env.agents
     qpos = state.data.qpos.at[agents.qpos_ids[0]].set(jnp.array([2.0, 3.0, 0.15, 0.3]))
     state = state.replace(data=env.engine.pose(state.world, state.data.replace(qpos=qpos)))

@@ -376,24 +376,18 @@ def test_all_worlds_at_once_when_nothing_is_drawn_ahead(brief, horizon, batch_re
     assert len(np.unique(seen, axis=0)) == len(seen)
 
 
-def test_states_from_the_host_go_on(env_c):
+def test_states_from_the_host_go_on(few, run):
     """As a checkpoint restores them."""
-    worlds = Worlds(env_c, 2, donate=False)
-    states = worlds.reset(jax.random.key(0))
-    action = worlds.sample_action(jax.random.key(1))
+    states, action = few.reset(run.key), few.sample_action(run.key)
     restored = jax.tree.map(
         lambda x: x if jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key) else np.asarray(x), states
     )
-    np.testing.assert_array_equal(worlds.step(restored, action).data.qpos, worlds.step(states, action).data.qpos)
+    np.testing.assert_array_equal(few.step(restored, action).data.qpos, few.step(states, action).data.qpos)
 
 
-def test_donated_states_are_refused_everywhere(env_c):
-    worlds = Worlds(env_c, 2)
-    states = worlds.reset(jax.random.key(0))
-    worlds.step(states, worlds.sample_action(jax.random.key(1)))
-    for use in (
-        lambda: worlds.step(states, worlds.sample_action(jax.random.key(1))),
-        lambda: to_mjcf(env_c, states, 0),
-    ):
+def test_donated_states_are_refused_everywhere(many, run):
+    states, action = many.reset(run.key), many.sample_action(run.key)
+    many.step(states, action)
+    for use in (lambda: many.step(states, action), lambda: to_mjcf(many.env, states, 0)):
         with pytest.raises(RuntimeError, match=r"donated to an earlier Worlds\.step"):
             use()

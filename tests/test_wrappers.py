@@ -30,7 +30,7 @@ def touching(base):
 
 @pytest.fixture(scope="module")
 def state(touching):
-    return touching.reset(jax.random.key(0))
+    return jax.jit(touching.reset)(jax.random.key(0))
 
 
 def place(env, state, xy, active, mask=None):
@@ -118,7 +118,7 @@ def test_touching_agents_are_in_contact(touching):
     env = maax.Base(2, impl="c")
     env.add_module(maax.Agents({"hiders": 1, "seekers": 1}))
     env = maax.AgentAgentContactMask2D(maax.TeamMembership(env))
-    state, step = env.reset(jax.random.key(0)), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(jax.random.key(0)), jax.jit(env.step)
     xy = jnp.array([[2.0, 3.0], [4.0, 3.0]])
     state = state.replace(data=state.data.replace(qpos=state.data.qpos.at[env.base.agents.qpos_ids[:, :2]].set(xy)))
     seen = []
@@ -133,7 +133,7 @@ def test_preparation(touching):
     env = maax.PreparationPhase(maax.HideAndSeekReward(touching), PREP / HORIZON)
     assert env.n_steps == PREP
     params = env.default_params.replace(n_hiders=2, n_seekers=1)
-    state, step = env.reset(jax.random.key(3), params), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(jax.random.key(3), params), jax.jit(env.step)
     agents = env.base.agents
     active = np.asarray(state.world.active["agent"])
     equal(active, [True, True, False, True, False])
@@ -231,7 +231,7 @@ def test_split_spoof_join_flatten(touching):
 def test_observations_are_of_the_state_after_the_step(touching):
     """MAax built them from the state before, and so froze them."""
     env = maax.FlattenObservations(maax.SplitObservations(touching, ["agent_pos"]))
-    state, step = env.reset(jax.random.key(1)), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(jax.random.key(1)), jax.jit(env.step)
     columns = []
     for _ in range(3):
         state = step(state, {"move": jnp.ones((5, 3))})

@@ -1,0 +1,189 @@
+"""The command line as a user calls it: what it writes, prints, refuses, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+import maax_mjx as maax
+from maax_mjx.cli import main
+from maax_mjx.cli.options import split_overrides, value_of
+from maax_mjx.cli.saved import load
+from maax_mjx.cli.worlds import parse_placement
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    """A rollout of a game with fields of its config given, and what it printed for machines."""
+    folder = tmp_path_factory.mktemp("rollout")
+    printed = folder / "printed"
+    fields = ["--env.n_boxes", "1,2", "--env.n-ramps=0", "--env.grab", "True", "--env.grab.exclusive", "True"]
+    with printed.open("w") as file, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stdout", file)
+        main(["rollout", "hide_and_seek", "--worlds=6", "--steps=20", "--show=2", "--json", f"--out={folder}", *fields])
+    return folder, json.loads(printed.read_text())
+
+
+def test_rollout_writes_what_it_says(played):
+    folder, result = played
+    assert (result["env"], result["worlds"], result["steps"], result["interrupted"]) == ("hide_and_seek", 6, 20, False)
+    assert result["env_steps_per_s"] > 0
+    assert sorted(result["files"]) == sorted(
+        str(folder / name) for name in ("worlds.png", "rollout.gif", "rollout.npz", "world.xml", "replay.html")
+    )
+    assert np.asarray(Image.open(folder / "worlds.png")).std() > 10
+    assert Image.open(folder / "rollout.gif").n_frames == 4
+    assert (folder / "replay.html").read_text().startswith("<!")
+    model = mujoco.MjModel.from_xml_path(str(folder / "world.xml"))
+    assert model.nkey == 1
+    assert model.njnt == 4 * 4 + 2 * 4, "4 agents and 2 boxes, without a ramp"
+
+
+def test_a_saved_rollout_is_what_was_played(played):
+    env, recording = load(played[0] / "rollout.npz")
+    grabs = maax.wrappers.find(env, maax.GrabObjects)
+    assert grabs is not None
+    assert (grabs.exclusive, env.base.modules["boxes"].n_max) == (True, 2)
+    assert recording.states.step.shape == (4, 2)
+    assert recording.states.step[:, 0].tolist() == [recording.states.step[0, 0] + i for i in (0, 8, 16, 20)]
+    heights = recording.states.data.xpos[:, :, env.base.agents.body_ids, 2]
+    assert ((heights > 0.1) & (heights < 0.3)).all()
+
+
+@pytest.mark.parametrize("kind", ["html", "png"])
+def test_replay(played, kind, capsys):
+    folder, _ = played
+    main(["replay", str(folder / "rollout.npz"), f"--out={folder}/again.{kind}", "--worlds", "1", "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["worlds"]) == (4, 1)
+    assert result["bytes"] == (folder / f"again.{kind}").stat().st_size > 5000
+    assert not list(folder.glob(".*")), "nothing half done is left"
+
+
+@pytest.mark.parametrize(
+    ("argv", "named"),
+    [
+        (["rollout", "--env.scenario=quda"], "scenario"),
+        (["rollout", "--env.n_boxes=50"], "n_boxes"),
+        (["rollout", "--env.n_boxs", "3"], "did you mean 'n_boxes'"),
+        (["rollout", "--env.n_boxes"], "got no value"),
+        (["rollout", "hide", "--env.n_boxes", "3"], "name: got 'hide'"),
+        (["rollout", "--worlds=0"], "worlds"),
+        (["rollout", "--show=300"], "show: got 300"),
+        (["rollout", "--setps=3"], "--setps"),
+        (["worlds", "--n=0"], "n: got 0"),
+        (["worlds", "--env.n_boxes=2"], "only rollout"),
+        (["replay", __file__], "no saved rollout"),
+        (["replay", "nowhere.npz"], "nowhere.npz"),
+        (["replay", "a.npz", "--out=a.txt"], "out: got a.txt"),
+        (["info", "hide"], "takes one of"),
+        (["bench", "hide"], "bench: got 'hide'"),
+        (["dance"], "rollout"),
+    ],
+)
+def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as exited:
+        main(argv)
+    assert exited.value.code == 2
+    told = capsys.readouterr().err
+    assert named in told
+    assert "Traceback" not in told
+
+
+def test_ctrl_c_writes_what_was_done(tmp_path):
+    """The first interrupt ends the rollout after the step that runs, with everything written."""
+    command = [
+        sys.executable,
+        "-c",
+        "from maax_mjx.cli import main; main()",
+        "rollout",
+        "--worlds=4",
+        "--steps=10000000",
+    ]
+    process = subprocess.Popen(
+        [*command, "--json", f"--out={tmp_path}"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    seen = ""
+    while "env-steps/s" not in seen:
+        seen += process.stderr.read(1)
+    process.send_signal(signal.SIGINT)
+    printed, _ = process.communicate(timeout=120)
+    assert process.returncode == 130
+    result = json.loads(printed)
+    assert result["interrupted"]
+    assert 0 < result["steps"] < 10000000
+    for name in ("worlds.png", "rollout.gif", "world.xml", "rollout.npz"):
+        assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_sheet_of_worlds(tmp_path, capsys):
+    main(
+        [
+            "worlds",
+            "--scenario",
+            "tri",
+            "random",
+            "--placement=proximity:1.5:box0",
+            "--n=5",
+            f"--out={tmp_path}/a/b.png",
+        ]
+    )
+    assert "5 worlds, 0 invalid" in capsys.readouterr().out
+    assert np.asarray(Image.open(tmp_path / "a" / "b.png")).std() > 10
+
+
+@pytest.mark.parametrize("text", ["middle", "quad:3", "nowhere", "room:x", "proximity:1"])
+def test_placements_that_are_none(text):
+    with pytest.raises(ValueError, match="placement: got"):
+        parse_placement(text)
+
+
+def test_info(capsys):
+    main(["info", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert told["maax_mjx"] == maax.__version__
+    assert told["packages"]["mujoco"] == mujoco.__version__
+    assert told["auto"] == "c"
+    assert told["engines"]["jax"] == "works"
+    assert set(told["environments"]) == set(maax.tasks())
+    assert told["opengl"]
+    main(["info", "hide_and_seek", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert told["fields"]["lock.radius"] == "0.25"
+    assert "section 5.2.1" in told["about"][0]
+
+
+@pytest.mark.parametrize("command", ["rollout", "worlds", "replay", "info"])
+def test_help_shows_defaults(command, capsys):
+    with pytest.raises(SystemExit) as exited:
+        main([command, "--help"])
+    assert not exited.value.code
+    printed = capsys.readouterr().out
+    assert "default:" in printed
+    assert "--json" in printed
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_tab_completion(shell, capsys):
+    with pytest.raises(SystemExit) as exited:
+        main(["--tyro-print-completion", shell])
+    assert not exited.value.code
+    assert "--steps" in capsys.readouterr().out
+
+
+def test_fields_of_configs():
+    argv = ["rollout", "--env.a", "1", "2", "--steps", "3", "--env.b-c=x", "tag", "--env.d", "-1", "--json"]
+    assert split_overrides(argv) == (
+        ["rollout", "--steps", "3", "tag", "--json"],
+        {"a": "1,2", "b_c": "x", "d": "-1"},
+    )
+    values = {"2,6": (2, 6), "0.5": 0.5, "None": None, "none": "none", "half,quad": ("half", "quad"), "(1,)": (1,)}
+    assert {text: value_of(text) for text in values} == values
