@@ -6,8 +6,10 @@ import contextlib
 import io
 import os
 import platform
+from functools import cache
 from hashlib import sha1
 from pathlib import Path
+from typing import Any
 
 FEW_CORES = 3
 XLA_CPU_THREADS = "3"
@@ -50,6 +52,29 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next((line for line in lines if line.startswith(("flags", "Features"))), "")
     return platform.processor()
+
+
+@cache
+def quick_compilation(level: int) -> dict[str, Any]:
+    """Compiler options under which XLA takes a third to half of the time for a program for the CPU.
+
+    Measured on programs of the `c` engine, whose time goes to MuJoCo: at level 1 they are as fast as with XLA's
+    defaults, at level 0 a fifth slower.
+
+    Args:
+        level: of optimisation.
+
+    Returns:
+        Those of them that this XLA knows.
+    """
+    import jax
+
+    options: dict[str, Any] = {}
+    for name, value in (("xla_backend_optimization_level", level), ("xla_cpu_use_fusion_emitters", False)):
+        with contextlib.suppress(jax.errors.JaxRuntimeError, ValueError):
+            jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
+            options[name] = value
+    return options
 
 
 def import_mjx() -> None:

@@ -9,10 +9,12 @@ import jax
 import tyro
 from tqdm import tqdm
 
+import maax_mjx as maax
 from maax_mjx.tasks.scenes import SCENES
-from maax_mjx.viewer import gif
 
-FRAMES = 120
+SECONDS, FPS = 5, 20
+"""Of a gif: longer plays are shown faster."""
+SIZE = (440, 360)
 
 
 @dataclass
@@ -38,9 +40,9 @@ def main(config: Config) -> None:
     for name in tqdm(config.scene, unit="scene"):
         scene = SCENES[name](config.impl)
         _, states = jax.device_get(jax.jit(scene.play)(jax.jit(scene.reset)(jax.random.key(config.seed))))
-        every = max(1, scene.n_steps // FRAMES)
-        frames = [jax.tree.map(lambda x, t=t: x[t], states) for t in range(0, scene.n_steps, every)]
-        gif(scene.env, frames, config.out / f"{name}.gif")
+        base = scene.env.base
+        speed = max(1.0, scene.n_steps * base.n_frames * base.world_params.timestep / SECONDS)
+        maax.video(scene.env, states, config.out / f"{name}.gif", size=SIZE, fps=FPS, speed=speed)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from maax_mjx.checks import check_choice
+from maax_mjx.checks import check_choice, is_traced
 
 AXIS = "worlds"
 METHODS = ("jit", "pmap", "shard_map")
@@ -60,6 +60,7 @@ class Shards:
         in_axes: tuple[int | None, ...],
         out_axes: int | tuple[int, ...] = 0,
         donate: tuple[int, ...] = (),
+        options: Mapping[str, Any] | None = None,
     ) -> Callable:
         """Compiles a function of a device's worlds into one of all worlds.
 
@@ -68,6 +69,7 @@ class Shards:
             in_axes: of each of `args`: 0 where it has the worlds as its leading axis, None where all devices share it.
             out_axes: the worlds' axis in each result.
             donate: which of `args` give their memory away.
+            options: of the compiler; pmap takes none.
         """
         index = self.put(np.arange(self.n_worlds, dtype=np.int32))
         donate = tuple(i + 1 for i in donate)
@@ -81,6 +83,8 @@ class Shards:
                 outs = tuple(_spec(axis) for axis in out_axes) if isinstance(out_axes, tuple) else _spec(out_axes)
                 function = jax.shard_map(function, mesh=self.mesh, in_specs=specs, out_specs=outs, check_vma=False)
             mapped = jax.jit(function, donate_argnums=donate)
+            if options:
+                mapped = _with_options(function, mapped, donate, options)
         return partial(mapped, index)
 
     def put(self, tree: Any) -> Any:
@@ -103,6 +107,12 @@ class Shards:
             return jax.random.wrap_key_data(self.share(jax.random.key_data(x)), impl=jax.random.key_impl(x))
         host = np.asarray(x)
         return jax.make_array_from_callback(host.shape, NamedSharding(self.mesh, P()), host.__getitem__)
+
+
+def _with_options(function: Callable, plain: Callable, donate: tuple[int, ...], options: Mapping[str, Any]) -> Callable:
+    """A function compiled with options, or inside another compiled one, where JAX allows none, the plain one."""
+    quick = jax.jit(function, donate_argnums=donate, compiler_options=dict(options))
+    return lambda *args: (plain if is_traced(args) else quick)(*args)
 
 
 def _spec(axis: int | None) -> P:

@@ -17,6 +17,7 @@ from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.rollout import Policy, check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
 from maax_mjx.params import DomainParams, check_params
+from maax_mjx.runtime import quick_compilation
 from maax_mjx.spaces import check_action
 
 ROLLOUTS = 16
@@ -67,8 +68,10 @@ class Worlds:
         self.shape = self.shards.shape
         env.base.engine.check_devices(self.shards.n_local)
         compiled = self.shards.compile
-        self._reset = compiled(self._begin, (None, 0, None))
-        self._step = compiled(lambda _, *args: self.step_fn(*args), (0, 0), donate=self._donate)
+        # What runs once need not be fast, and of the `c` engine's steps most is not XLA's.
+        once, often = (quick_compilation(level) if env.base.engine.impl == "c" else None for level in (0, 1))
+        self._reset = compiled(self._begin, (None, 0, None), options=once)
+        self._step = compiled(lambda _, *args: self.step_fn(*args), (0, 0), donate=self._donate, options=often)
         self._sample = compiled(self._sample_fn, (None,))
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
