@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from maax_mjx.checks import check_choice, check_count, check_key
 from maax_mjx.composition import check_module
 from maax_mjx.env import Environment
 from maax_mjx.generation import draw_layout
+from maax_mjx.layout import Layout
 from maax_mjx.limits import ArenaLimits
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.ranged import Ranged
@@ -212,6 +213,11 @@ class Base(Environment):
         return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world, n_equalities)
 
     @cached_property
+    def _draw_layout(self) -> Callable[[jax.Array, DomainParams], Layout]:
+        """Compiled even where a reset is called eagerly, which would otherwise compile its loop at every call."""
+        return jax.jit(partial(draw_layout, self))
+
+    @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """What can be randomised, by name, with defaults and bounds."""
         parameters = self.floor_range.parameters + [p for module in self._modules.values() for p in module.parameters]
@@ -250,7 +256,7 @@ class Base(Environment):
         self.check_params(params)
         params = jax.tree.map(jnp.asarray, params)
         layout_key, state_key = jax.random.split(key)
-        layout = draw_layout(self, layout_key, params)
+        layout = self._draw_layout(layout_key, params)
         fields = {name: layout.fields[name][ids] for name, ids in self.overlay.items()}
         world = World(fields, layout.active, layout.extents, layout.sites, layout.plan, layout.valid)
         data = self.engine.init(world, layout.qpos)

@@ -391,3 +391,10 @@ def test_donated_states_are_refused_everywhere(many, run):
     for use in (lambda: many.step(states, action), lambda: to_mjcf(many.env, states, 0)):
         with pytest.raises(RuntimeError, match=r"donated to an earlier Worlds\.step"):
             use()
+
+
+def test_a_step_within_compiled_code_is_the_same(few, run):
+    """There JAX takes no compiler options."""
+    states, action = few.reset(run.key), few.sample_action(run.key)
+    within = jax.jit(lambda states, action: few.step(states, action))(states, action)
+    assert_close(host(within), host(few.step(states, action)))

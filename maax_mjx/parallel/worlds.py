@@ -68,11 +68,12 @@ class Worlds:
         self.shape = self.shards.shape
         env.base.engine.check_devices(self.shards.n_local)
         compiled = self.shards.compile
-        # What runs once need not be fast, and of the `c` engine's steps most is not XLA's.
-        once, often = (quick_compilation(level) if env.base.engine.impl == "c" else None for level in (0, 1))
+        on_cpu = self.shards.devices[0].platform == "cpu"
+        # What runs once need not be fast.
+        once, often = (quick_compilation(level) if on_cpu else None for level in (0, 1))
         self._reset = compiled(self._begin, (None, 0, None), options=once)
         self._step = compiled(lambda _, *args: self.step_fn(*args), (0, 0), donate=self._donate, options=often)
-        self._sample = compiled(self._sample_fn, (None,))
+        self._sample = compiled(self._sample_fn, (None,), options=once)
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
 
