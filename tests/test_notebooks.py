@@ -21,13 +21,8 @@ spec.loader.exec_module(execute)
 NAMES = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
 REPLAYS = ("quickstart", "hide_and_seek")
 MEGABYTES = 1.5
-KERNEL = {
-    "MAAX_NOTEBOOK_SCALE": "0.02",
-    "PYTHONPATH": str(ROOT),
-    "JAX_COMPILATION_CACHE_DIR": str(ROOT / ".jax_cache"),
-    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
-    "XLA_FLAGS": "--xla_backend_optimization_level=0",
-}
+KERNEL = {"MAAX_NOTEBOOK_SCALE": "0.02", "PYTHONPATH": str(ROOT)}
+"""What a kernel's environment has besides that of the tests."""
 
 
 def code_cells(notebook):
