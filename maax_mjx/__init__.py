@@ -10,7 +10,7 @@ from maax_mjx import testing  # noqa: E402
 from maax_mjx.base import Base  # noqa: E402
 from maax_mjx.curriculum import Curriculum  # noqa: E402
 from maax_mjx.env import Environment  # noqa: E402
-from maax_mjx.export import to_mjcf  # noqa: E402
+from maax_mjx.export import to_mjcf, world_of  # noqa: E402
 from maax_mjx.layout import (  # noqa: E402
     all_of,
     any_of,
@@ -180,4 +180,5 @@ __all__ = [
     "to_mjcf",
     "uniform_placement",
     "video",
+    "world_of",
 ]
