@@ -228,6 +228,11 @@ class Base(Environment):
         return self
 
     @property
+    def dt(self) -> float:
+        """Seconds of one env step."""
+        return self.n_frames * self.world_params.timestep
+
+    @property
     def default_params(self) -> DomainParams:
         return default_params(self.parameters)
 

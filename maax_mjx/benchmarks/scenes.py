@@ -40,8 +40,7 @@ def main(config: Config) -> None:
     for name in tqdm(config.scene, unit="scene"):
         scene = SCENES[name](config.impl)
         _, states = jax.device_get(jax.jit(scene.play)(jax.jit(scene.reset)(jax.random.key(config.seed))))
-        base = scene.env.base
-        speed = max(1.0, scene.n_steps * base.n_frames * base.world_params.timestep / SECONDS)
+        speed = max(1.0, scene.n_steps * scene.env.base.dt / SECONDS)
         maax.video(scene.env, states, config.out / f"{name}.gif", size=SIZE, fps=FPS, speed=speed)
 
 

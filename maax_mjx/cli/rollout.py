@@ -10,7 +10,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -88,7 +87,7 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
     advance = _advance(worlds).lower(states, action_key, 1).compile()
     compiled = time.perf_counter() - start
     shown = list(range(args.show))
-    every = max(1, round(1 / (FPS * env.base.n_frames * env.base.world_params.timestep)))
+    every = max(1, round(1 / (FPS * env.base.dt)))
     frames, done, spent = [pick(states, shown)], 0, 0.0
     bar.set_description_str(f"{args.worlds} worlds")
     with Interrupt() as interrupt, bar:
@@ -103,7 +102,7 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
             bar.set_postfix_str(f"{done * args.worlds / spent:,.0f} env-steps/s")
             if len(frames) < MAX_FRAMES:
                 frames.append(pick(states, shown))
-    recording = Recording(*jax.tree.map(lambda *x: np.stack(x), *frames))
+    recording = Recording.of(frames)
     files = _write(args, overrides, env, states, first, recording)
     result = _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
     report(result, args.json, _summary(result))

@@ -30,6 +30,11 @@ class Recording(struct.PyTreeNode):
     states: State
     episode_return: Any
 
+    @classmethod
+    def of(cls, frames: Sequence[tuple[State, Any]]) -> Recording:
+        """Of what `pick` gives of every frame."""
+        return cls(*_joined(frames))
+
 
 class Film(NamedTuple):
     """Some worlds over time, on the host.
@@ -43,6 +48,11 @@ class Film(NamedTuple):
     states: list[list[State]]
     returns: list[list[np.ndarray | None]]
     times: np.ndarray
+
+    @property
+    def edge(self) -> float:
+        """Of the largest floor in metres."""
+        return max(float(state.world.plan.floor_size) for frame in self.states for state in frame)
 
     def at(self, indices: Iterable[int]) -> Film:
         """The film of some of the frames."""
@@ -148,6 +158,10 @@ def _listed(states: Any, worlds: Picked) -> tuple[State, np.ndarray | None]:
         raise ValueError("states: got states of different numbers of worlds; takes all of one batch")
     if any(frame[1] is None for frame in frames):
         frames = [(frame[0], None) for frame in frames]
+    return _joined(frames)
+
+
+def _joined(frames: Sequence[tuple[State, Any]]) -> tuple[State, Any]:
     return jax.tree.map(lambda *x: np.stack(x), *frames)
 
 

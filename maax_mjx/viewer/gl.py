@@ -23,17 +23,15 @@ def open_context(width: int, height: int) -> Any:
     Raises:
         MissingLibraryError: there is none; the message says what brings one.
     """
-    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
+    chosen = _chosen()
     if chosen in OFF:
         raise MissingLibraryError(f"view: got '3d' and MUJOCO_GL={chosen} in the environment; unset it, or {PLAN}")
-    tried = []
-    for name in _backends(chosen):
-        context, error = _try(name, width, height)
-        if context is not None:
-            return context
-        tried.append(f"{name}: {error}")
+    context, errors = _first(width, height)
+    if context is not None:
+        return context
+    tried = "; ".join(f"{name}: {error}" for name, error in errors.items())
     raise MissingLibraryError(
-        f"view: got '3d' and there is no OpenGL ({'; '.join(tried)}); on Debian and Ubuntu `apt-get install libegl1` "
+        f"view: got '3d' and there is no OpenGL ({tried}); on Debian and Ubuntu `apt-get install libegl1` "
         "(with a GPU's driver or libgl1-mesa-dri) or `apt-get install libosmesa6` (on the CPU) brings it, and "
         f"MUJOCO_GL=egl or MUJOCO_GL=osmesa in the environment chooses; or {PLAN}"
     )
@@ -44,15 +42,25 @@ PLAN = "take view='plan', which needs none"
 
 def backends() -> dict[str, str]:
     """What `open_context` tries: "works" for the library that it takes, for those before it why they do not."""
-    found: dict[str, str] = {}
+    context, errors = _first(16, 16)
+    if context is not None:
+        context.free()
+    return {name: error or "works" for name, error in errors.items()}
+
+
+def _first(width: int, height: int) -> tuple[Any, dict[str, str]]:
+    """The first context that there is or None, and by library tried what went wrong; "" for the one that works."""
+    errors: dict[str, str] = {}
     # A process can try no second library after one that works.
-    for name in _backends(os.environ.get("MUJOCO_GL", "").lower().strip()):
-        context, error = _try(name, 16, 16)
-        found[name] = error or "works"
+    for name in _backends(_chosen()):
+        context, errors[name] = _try(name, width, height)
         if context is not None:
-            context.free()
-            break
-    return found
+            return context, errors
+    return None, errors
+
+
+def _chosen() -> str:
+    return os.environ.get("MUJOCO_GL", "").lower().strip()
 
 
 def _try(name: str, width: int, height: int) -> tuple[Any, str]:

@@ -103,10 +103,10 @@ class Marks:
     def _top(self, state: State, module: Entities, slot: int) -> np.ndarray:
         """(3,) metres: the middle of the upper side of an object, however it is turned."""
         body = module.body_ids[slot]
-        extents = state.world.extents[module.kind] if module.sizes_vary else module.largest
+        extents = np.asarray(module.extents_of(state.world), float)
         w, x, y, z = np.asarray(state.data.xquat[body], float)
         top = np.abs([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-        height = float(top @ np.asarray(extents[slot], float)) / 2
+        height = float(top @ extents[slot]) / 2
         return self._stage.position(state, body) + up(height)
 
     def _eyes(self, state: State, marked: Marked) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-import numpy as np
 
 from maax_mjx.checks import check_count
 from maax_mjx.parallel import Worlds, WorldsState
@@ -48,10 +47,8 @@ def record(
     """
     if not isinstance(worlds, Worlds):
         raise ValueError(f"worlds: got {type(worlds).__name__}; takes maax.Worlds(env, n_worlds)")
-    base = worlds.env.base
     n_steps = check_count("n_steps", n_steps, minimum=1)
-    seconds = base.n_frames * base.world_params.timestep
-    every = max(1, round(1 / (FPS * seconds))) if every is None else check_count("every", every, minimum=1)
+    every = max(1, round(1 / (FPS * worlds.env.base.dt))) if every is None else check_count("every", every, minimum=1)
     try:
         chosen_worlds(show, worlds.n_worlds)
     except ValueError as error:
@@ -61,5 +58,4 @@ def record(
     for i in range(-(-n_steps // every)):
         states, _ = worlds.rollout(states, policy, every, *args, key=jax.random.fold_in(key, i))
         frames.append(pick(states, show))
-    kept, returns = jax.tree.map(lambda *x: np.stack(x), *frames)
-    return states, Recording(kept, returns)
+    return states, Recording.of(frames)

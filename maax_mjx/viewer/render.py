@@ -139,10 +139,9 @@ def _drawing(stage: Stage, shown: Film, size: Size, camera: Any, view: str) -> I
     from maax_mjx.viewer.solid import Solid
 
     size = (int(size[0]), int(size[1]))
-    edge = max(float(state.world.plan.floor_size) for frame in shown.states for state in frame)
     if view != "plan":
         try:
-            solid = Solid(stage, len(shown.states[0]), edge, size, camera)
+            solid = Solid(stage, len(shown.states[0]), shown.edge, size, camera)
         except MissingLibraryError:
             if view == "3d":
                 raise

@@ -104,7 +104,7 @@ def replay(
     shown = film(env, states, worlds, stage.dt)
     shown = shown.at(paced(shown.times / speed, fps))
     n_worlds = len(shown.states[0])
-    edge = max(float(state.world.plan.floor_size) for frame in shown.states for state in frame)
+    edge = shown.edge
     places = offsets(n_worlds, edge)
     extent = places.max(axis=0)[:2] + edge
     with _server() as server:

@@ -74,7 +74,7 @@ class Stage:
     @property
     def dt(self) -> float:
         """Seconds of one env step."""
-        return float(self.base.n_frames * self.model.opt.timestep)
+        return self.base.dt
 
     def frame(self, state: State, returns: np.ndarray | None = None) -> Frame:
         """What there is to see.
@@ -84,7 +84,8 @@ class Stage:
             returns: (n_agents,) reward summed over the running episode, where it is known.
         """
         plan = state.world.plan
-        solids = [part for geom in range(self.model.ngeom) for part in self._solid(state, geom)]
+        sizes = self._sizes(state)
+        solids = [part for geom in range(self.model.ngeom) for part in self._solid(state, geom, sizes[geom])]
         marks = self.marks(state)
         parts = [*self._doors(plan), *solids, *self._sites(state), *marks.parts]
         # A hand that holds something is where the mark says.
@@ -140,14 +141,13 @@ class Stage:
         faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
         return np.array(model.mesh_vert[vertices]), np.array(model.mesh_face[faces])
 
-    def _solid(self, state: State, geom: int) -> list[Part]:
+    def _solid(self, state: State, geom: int, size: np.ndarray) -> list[Part]:
         kind, n_size = KINDS.get(mujoco.mjtGeom(self.model.geom_type[geom]), ("", 0))
         position = np.asarray(state.data.geom_xpos[geom], float)
         if not kind or position[2] < GONE:
             return []
         name = self.model.geom(geom).name or f"geom{geom}"
         rotation = np.asarray(state.data.geom_xmat[geom], float).reshape(3, 3)
-        size = self._size(state, geom)
         rgba: Colour = tuple(self.model.geom_rgba[geom].tolist())
         role = "object"
         if geom in self._slot_of:
@@ -168,13 +168,12 @@ class Stage:
         shape = Shape(kind, tuple(round(s, 4) for s in size[:n_size].tolist()), rgba, mesh)
         return [Part(name, role, shape, position, rotation)]
 
-    def _size(self, state: State, geom: int) -> np.ndarray:
-        rows = self.base.overlay.get("geom_size")
-        if rows is not None:
-            i = int(np.searchsorted(rows, geom))
-            if i < len(rows) and rows[i] == geom:
-                return np.asarray(state.world.fields["geom_size"][i], float)
-        return self.model.geom_size[geom]
+    def _sizes(self, state: State) -> np.ndarray:
+        """(n_geoms, 3) of this world."""
+        sizes = self.model.geom_size.copy()
+        if "geom_size" in self.base.overlay:
+            sizes[self.base.overlay["geom_size"]] = state.world.fields["geom_size"]
+        return sizes
 
     def _doors(self, plan: Any) -> list[Part]:
         parts = []
@@ -191,7 +190,7 @@ class Stage:
     def _sites(self, state: State) -> list[Part]:
         parts = []
         for kind, module in self.base.sites.items():
-            extents = np.asarray(state.world.extents[kind] if module.sizes_vary else module.largest)
+            extents = np.asarray(module.extents_of(state.world), float)
             for slot in np.flatnonzero(np.asarray(state.world.active[kind])):
                 half = extents[slot] / 2
                 flat = module.is_round and half[2] < half[0] / 2
