@@ -28,7 +28,7 @@ def conditions() -> dict[str, Any]:
         "date": date.today().isoformat(),
         "python": platform.python_version(),
         "devices": [d.device_kind for d in jax.devices()],
-        "cpus": os.cpu_count(),
+        "cpus": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "packages": {name: _version(name) for name in PACKAGES},
     }
 
