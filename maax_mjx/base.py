@@ -32,7 +32,7 @@ from maax_mjx.physics import (
     make_engine,
     union,
 )
-from maax_mjx.spaces import check_action, space_of
+from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
 
@@ -239,11 +239,6 @@ class Base(Environment):
     @cached_property
     def action_space(self) -> spaces.Dict:
         return spaces.Dict({"move": spaces.Box(-1.0, 1.0, (self.n_agents, 3), np.float32)})
-
-    @cached_property
-    def observation_space(self) -> spaces.Dict:
-        state = jax.eval_shape(self.reset, jax.random.key(0))
-        return space_of(state.obs)
 
     def check_params(self, params: DomainParams) -> None:
         """Refuses params outside the bounds that the environment was built with.

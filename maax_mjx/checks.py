@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -86,6 +87,21 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
         hint = f" (did you mean {' or '.join(map(repr, near))}?)" if near else ""
         raise ValueError(f"{name}: got {value!r}; takes one of {choices}{hint}")
     return value
+
+
+def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
+    """A file to write: its ending is one of some, and its folder is there."""
+    takes = f"a file that ends in {' or '.join(endings)}, in a folder that is there"
+    if not isinstance(value, str | Path):
+        raise ValueError(f"{name}: got {value!r}; takes the name of {takes}")
+    path = Path(value)
+    if path.suffix.lower() not in endings:
+        raise ValueError(f"{name}: got {str(path)!r}; takes {takes}")
+    if path.is_dir():
+        raise ValueError(f"{name}: got {str(path)!r}, which is a folder; takes {takes}")
+    if not path.parent.is_dir():
+        raise ValueError(f"{name}: got {str(path)!r}, and there is no folder {str(path.parent)!r}; takes {takes}")
+    return path
 
 
 def check_per_object(name: str, value: Callable | Sequence[Callable], n: int) -> list[Callable]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import wraps
+from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any
 
 import jax
 from gymnasium import spaces
 
 from maax_mjx.params import DomainParams
-from maax_mjx.spaces import sample
+from maax_mjx.spaces import sample, space_of
 from maax_mjx.state import State
 
 if TYPE_CHECKING:
@@ -36,10 +36,15 @@ class Environment(ABC):
     def action_space(self) -> spaces.Dict:
         """The space of one world's action."""
 
-    @property
-    @abstractmethod
+    @cached_property
+    def state_shape(self) -> State:
+        """A state of one world, with the shapes and types of its arrays instead of their values."""
+        return jax.eval_shape(self.reset, jax.random.key(0))
+
+    @cached_property
     def observation_space(self) -> spaces.Dict:
         """The space of one world's observations."""
+        return space_of(self.state_shape.obs)
 
     @abstractmethod
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
@@ -67,6 +72,19 @@ class Environment(ABC):
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """A uniform random action; traceable."""
         return sample(self.action_space, key)
+
+
+def check_environment(env: Any) -> Environment:
+    """An environment.
+
+    Raises:
+        ValueError: something else.
+    """
+    if not isinstance(env, Environment):
+        # A state, which is easily taken for an environment, has too long a text.
+        got = repr(env) if env is None or isinstance(env, str | int | float) else type(env).__name__
+        raise ValueError(f"env: got {got}; takes an environment, as maax.make(...) gives it")
+    return env
 
 
 def _named(step: Callable) -> Callable:

@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 import maax_mjx as maax
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig
 from maax_mjx.viewer import gl, palette
-from maax_mjx.viewer.film import film, paced
+from maax_mjx.viewer.between import smooth
+from maax_mjx.viewer.film import Film, film, paced
 from maax_mjx.viewer.scene import up
 from maax_mjx.viewer.stage import Stage
 from maax_mjx.wrappers import Lidar, find
@@ -63,7 +65,7 @@ def recording(played):
 @pytest.fixture(scope="module")
 def one(env, recording):
     """A state of a single world before its preparation ends, with both boxes or with one."""
-    return film(env, recording, [0], 0.005).states[2][0]
+    return film(env, recording, [0]).states[2][0]
 
 
 def with_mechanics(state, **changed):
@@ -86,7 +88,7 @@ def test_a_recording_is_of_the_worlds_that_were_asked_for(played):
 def test_frames_show_what_the_states_say_over_resets(env, recording):
     """Every frame of both worlds: what is there, where, how large; the walls are those of the running episode."""
     stage = Stage(env)
-    shown = film(env, recording, None, stage.dt)
+    shown = film(env, recording, None)
     layouts = set()
     for states in shown.states:
         for state in states:
@@ -130,7 +132,7 @@ def test_sizes_are_those_of_the_world(env, recording):
     """Elongated boxes have extents of their own, which the compiled model does not have."""
     stage = Stage(env)
     sizes = set()
-    for states in film(env, recording, None, stage.dt).states[::HORIZON]:
+    for states in film(env, recording, None).states[::HORIZON]:
         for state in states:
             parts = {part.name: part for part in stage.frame(state).parts}
             for slot in np.flatnonzero(state.world.active["box"]):
@@ -177,7 +179,7 @@ def test_holds_are_lines_and_reaching_hands(env, one):
 
 def test_preparation_is_said_and_seen(env, recording):
     stage = Stage(env)
-    shown = film(env, recording, [0], stage.dt)
+    shown = film(env, recording, [0])
     for (state,), (returns,) in zip(shown.states, shown.returns, strict=True):
         frame = stage.frame(state, returns)
         on = int(state.step) < PREPARATION
@@ -192,8 +194,8 @@ def test_preparation_is_said_and_seen(env, recording):
 def test_rewards_are_summed_by_team_and_episode(env, recording):
     stage = Stage(env)
     reward, step = recording.states.reward[:, 0], recording.states.step[:, 0]
-    shown = film(env, recording, [0], stage.dt)
-    alone = film(env, recording.states, [0], stage.dt)
+    shown = film(env, recording, [0])
+    alone = film(env, recording.states, [0])
     total = np.zeros(3)
     for t, ((state,), (known,), (summed,)) in enumerate(zip(shown.states, shown.returns, alone.returns, strict=True)):
         total = np.zeros(3) if step[t] == 0 else total + reward[t]
@@ -203,24 +205,61 @@ def test_rewards_are_summed_by_team_and_episode(env, recording):
         assert seekers == f"seekers {reward[t][2] + 0.0:+g}   sum {total[2] + 0.0:+g}"
     assert np.abs(total).sum() > 0
     every_other = jax.tree.map(lambda x: x[::2], recording.states)
-    assert film(env, every_other, [0], stage.dt).returns[3] == [None]
-    assert film(env, every_other, [0], stage.dt).times[3] == pytest.approx(6 * stage.dt)
+    assert film(env, every_other, [0]).returns[3] == [None]
+    assert film(env, every_other, [0]).times[3] == pytest.approx(6 * stage.dt)
 
 
 def test_states_in_every_form_are_the_same_film(env, recording):
     states = recording.states
-    expected = film(env, recording, [1], 0.005)
+    expected = film(env, recording, [1])
     listed = [jax.tree.map(lambda x, t=t: x[t], states) for t in range(N_STEPS + 1)]
     single = [jax.tree.map(lambda x: x[1], state) for state in listed]
     alone = jax.tree.map(lambda x: x[:, 1], states)
     for given, worlds in ((states, 1), (states, [-1]), (listed, 1), (iter(listed), [1]), (single, None), (alone, None)):
-        made = film(env, given, worlds, 0.005)
+        made = film(env, given, worlds)
         assert len(made.states) == N_STEPS + 1
         for a, b in zip(made.states, expected.states, strict=True):
             np.testing.assert_array_equal(a[0].data.qpos, b[0].data.qpos)
         np.testing.assert_allclose(made.times, np.arange(N_STEPS + 1) * 0.005)
-    assert len(film(env, recording, None, 0.005).states[0]) == 2
+    assert len(film(env, recording, None).states[0]) == 2
     assert paced(expected.times, 30) == [0, 7, 14, 21, 28, 30]
+
+
+def test_states_of_other_rules_are_refused(env, recording):
+    """As many agents and things are in them, and what the pictures read is not."""
+    other = maax.make(
+        "hide_and_seek", impl="c", n_hiders=(1, 2), n_seekers=1, n_boxes=(1, 2), n_elongated_boxes=(0, 2), n_ramps=1,
+        horizon=HORIZON, lock=None, stats=False,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match=r"another environment: state\.mechanics\.\S+ has .*, and in env nothing"):
+        maax.render(other, recording_frame(recording))
+
+
+def test_moments_between_frames_are_on_the_way(env, recording):
+    """Frames 75 ms apart: at a third of the way things are a third of the way, and turns are turns."""
+    shown = film(env, recording, [0])
+    sparse = Film(
+        [shown.states[i] for i in (0, 9, 13, 15)],
+        [shown.returns[i] for i in (0, 9, 13, 15)],
+        np.array([0, 0.1, 0.2, 0.5]),
+    )
+    made = smooth(sparse, 30)
+    np.testing.assert_allclose(made.times, [0, 0.1 / 3, 0.2 / 3, 0.1, 0.4 / 3, 0.5 / 3, 0.2, 0.5])
+    first, second, after = (made.states[i][0] for i in (0, 1, 3))
+    for name in ("geom_xpos", "xpos", "qpos"):
+        a, b = getattr(first.data, name), getattr(after.data, name)
+        np.testing.assert_allclose(getattr(second.data, name), a + (b - a) / 3, atol=1e-5)
+    turns = second.data.geom_xmat.reshape(-1, 3, 3)
+    np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-5)
+    ways = [Rotation.from_matrix(s.data.geom_xmat.reshape(-1, 3, 3)) for s in (first, second, after)]
+    whole = (ways[2] * ways[0].inv()).magnitude()
+    np.testing.assert_allclose((ways[1] * ways[0].inv()).magnitude(), whole / 3, atol=1e-3)
+    assert whole.max() > 0.05
+    # An episode ended in the second gap: nothing is between.
+    resets = [i for i in range(1, len(made.times)) if int(made.states[i][0].step) < int(made.states[i - 1][0].step)]
+    assert resets == [6]
+    for i in (4, 5):
+        np.testing.assert_array_equal(made.states[i][0].data.geom_xpos, made.states[3][0].data.geom_xpos)
 
 
 def test_senses_are_drawn_as_they_are(env, one):
@@ -324,7 +363,8 @@ def page(env, recording):
 
 
 def test_the_page_holds_all_it_needs(page, tmp_path):
-    assert page.n_frames == N_STEPS + 1
+    # Of its 0.1 s from frame to frame, with two moments in between.
+    assert page.n_frames == 3 * N_STEPS + 1
     assert page.seconds == pytest.approx(N_STEPS * 0.005 / 0.05)
     assert not re.search(r"""(src|href|url)\s*[=(]\s*["']?(https?:)?//""", page.html)
     assert set(re.findall(r"https?://[\w.]+", page.html)) <= {"http://www.w3.org"}
@@ -458,6 +498,12 @@ WRONG = {
     "size": (lambda env, rec: maax.render(env, recording_frame(rec), size=64), "size: got 64"),
     "camera": (lambda env, rec: maax.replay(env, rec, camera="side"), "camera: got 'side'"),
     "suffix": (lambda env, rec: maax.video(env, rec, "x.avi"), "path: got 'x.avi'"),
+    "path": (lambda env, rec: maax.video(env, rec, 3), "path: got 3; takes the name of a file that ends in .mp4 or"),
+    "folder": (lambda env, rec: maax.replay(env, rec, "no/x.html"), "path: got 'no/x.html', and there is no folder"),
+    "page suffix": (lambda env, rec: maax.replay(env, rec, "x.mp4"), "path: got 'x.mp4'; takes a file that"),
+    "huge": (lambda env, rec: maax.render(env, recording_frame(rec), size=(9000, 64)), "size: got .* at most 8192"),
+    "camera words": (lambda env, rec: maax.replay(env, rec, camera={"azimuth": "north"}), "camera: got .*north"),
+    "swapped": (lambda env, rec: maax.replay(rec, env), "env: got Recording; takes an environment"),
     "odd": (lambda env, rec: maax.video(env, rec, "x.mp4", size=(65, 64)), r"size: got \(65, 64\)"),
     "gif fps": (lambda env, rec: maax.video(env, rec, "x.gif", fps=60), "fps: got 60"),
     "speed": (lambda env, rec: maax.replay(env, rec, speed=0), "speed: got 0"),
@@ -465,7 +511,7 @@ WRONG = {
     "empty": (lambda env, rec: maax.replay(env, []), "states: got an empty list"),
     "not states": (lambda env, rec: maax.replay(env, [1, 2]), "states: got a list with int"),
     "one state": (lambda env, rec: maax.video(env, recording_frame(rec), "x.gif"), "states: got one state"),
-    "other env": (lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec)), "states of env"),
+    "other env": (lambda env, rec: maax.render(maax.make("tag"), recording_frame(rec)), "states: got states of"),
     "vision": (
         lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec), vision=True), "vision: got True"
     ),
@@ -473,6 +519,11 @@ WRONG = {
         lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec), lidar=True), "lidar: got True"
     ),
     "record worlds": (lambda env, rec: maax.record(env, None, None, 1), "worlds: got"),
+    "record policy": (
+        lambda env, rec: (w := maax.Worlds(env, 2))
+        and maax.record(w, w.reset(jax.random.key(0)), lambda state, key: None, 1),
+        "policy: what it returns is no action: got NoneType",
+    ),
     "record show": (lambda env, rec: maax.record(maax.Worlds(env, 2), None, None, 1, show=5), "show: got 5"),
 }  # fmt: skip
 

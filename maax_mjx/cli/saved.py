@@ -53,8 +53,7 @@ def load(path: Path) -> tuple[Environment, Recording]:
         raise ValueError(f"file: got {path} of format {meta['format']}; takes format {FORMAT}")
     # Pictures need no engine; which one it is does not matter.
     env = make_env(meta["env"], "c" if jax.default_backend() == "cpu" else "jax", meta["overrides"])
-    shapes = jax.eval_shape(env.reset, jax.random.key(0))
-    template = Recording(lean(shapes), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
+    template = Recording(lean(env.state_shape), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
     missing = sorted(set(_leaves(template)) - set(arrays))
     if missing:
         raise ValueError(

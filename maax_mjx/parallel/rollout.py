@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from maax_mjx.env import Environment
 from maax_mjx.parallel.episodes import WorldsState, advance
+from maax_mjx.spaces import check_action
 from maax_mjx.state import plain
 
 Policy = Callable[..., Any]
@@ -58,7 +59,12 @@ def unroll(
     keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
 
     def act(state: Any, key: jax.Array, t: jax.Array) -> Any:
-        return policy(state, jax.random.fold_in(key, t), *args)
+        action = policy(state, jax.random.fold_in(key, t), *args)
+        try:
+            check_action(env.action_space, action)
+        except ValueError as error:
+            raise ValueError(f"policy: what it returns is no {error}") from None
+        return action
 
     def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, dict[str, Any]]:
         action = jax.vmap(act, in_axes=(0, 0, None))(plain(states), keys, t)

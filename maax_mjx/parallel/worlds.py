@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.checks import check_bool, check_count, check_key, check_not_donated
-from maax_mjx.env import Environment
+from maax_mjx.env import Environment, check_environment
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.rollout import Policy, check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
@@ -59,9 +59,7 @@ class Worlds:
         *,
         donate: bool = True,
     ):
-        if not isinstance(env, Environment):
-            raise ValueError(f"env: got {env!r}; takes an environment, as maax.make(...) gives it")
-        self.env = env
+        self.env = check_environment(env)
         self.n_worlds = check_count("n_worlds", n_worlds, minimum=1)
         self._donate = (0,) if check_bool("donate", donate) else ()
         self.shards = Shards(self.n_worlds, devices, method)

@@ -64,14 +64,18 @@ def place_camera(
         azimuth, elevation = ANGLES[camera]
     elif isinstance(camera, Mapping) and set(camera) <= set(TAKES):
         given = dict(camera)
-        azimuth, elevation = (float(given.get(name, ANGLES["default"][i])) for i, name in enumerate(TAKES[:2]))
+        azimuth, elevation = (given.get(name, ANGLES["default"][i]) for i, name in enumerate(TAKES[:2]))
     else:
         raise ValueError(f"camera: got {camera!r}; takes one of {sorted(ANGLES)}, or a dict with any of {list(TAKES)}")
-    lookat = np.asarray(given.get("lookat", [*extent / 2, 0.1]), float)
-    distance = given.get("distance", 1.0)
-    if lookat.shape != (3,) or not np.isfinite([*lookat, azimuth, elevation]).all() or not 0 < distance < np.inf:
+    try:
+        lookat = np.asarray(given.get("lookat", [*extent / 2, 0.1]), float)
+        azimuth, elevation, distance = (float(value) for value in (azimuth, elevation, given.get("distance", 1.0)))
+        whole = lookat.shape == (3,) and np.isfinite([*lookat, azimuth, elevation]).all() and 0 < distance < np.inf
+    except (TypeError, ValueError):
+        whole = False
+    if not whole:
         raise ValueError(f"camera: got {camera!r}; takes finite numbers, a distance above 0, and a lookat of three")
-    looking = _looking(azimuth, elevation, float(distance), lookat)
+    looking = _looking(azimuth, elevation, distance, lookat)
     return looking if "distance" in given else _step_back(looking, extent, size, words)
 
 

@@ -54,13 +54,19 @@ class Film(NamedTuple):
         """Of the largest floor in metres."""
         return max(float(state.world.plan.floor_size) for frame in self.states for state in frame)
 
+    @property
+    def rate(self) -> float:
+        """Frames per second; of a single one, as many as one likes."""
+        n = len(self.times)
+        return float((n - 1) / self.times[-1]) if n > 1 else np.inf
+
     def at(self, indices: Iterable[int]) -> Film:
         """The film of some of the frames."""
         chosen = list(indices)
         return Film([self.states[i] for i in chosen], [self.returns[i] for i in chosen], self.times[chosen])
 
 
-def film(env: Environment, states: Any, worlds: Picked, dt: float) -> Film:
+def film(env: Environment, states: Any, worlds: Picked) -> Film:
     """The frames of some worlds.
 
     Args:
@@ -68,14 +74,11 @@ def film(env: Environment, states: Any, worlds: Picked, dt: float) -> Film:
         states: a `Recording`; a list of states of single worlds or of batches; or one state with the leading axis
             (n_frames,) or axes (n_frames, n_worlds).
         worlds: which of a batch; None is the first one, or all of a recording.
-        dt: seconds of one env step.
 
     Raises:
         ValueError: anything else, no frames, or worlds that there are not.
         RuntimeError: states that were donated to a later step.
     """
-    if not isinstance(env, Environment):
-        raise ValueError(f"env: got {env!r}; takes an environment, as maax.make(...) gives it")
     known: np.ndarray | None = None
     if isinstance(states, Recording):
         chosen = list(range(states.states.step.shape[1])) if worlds is None else worlds
@@ -96,10 +99,10 @@ def film(env: Environment, states: Any, worlds: Picked, dt: float) -> Film:
     returns = _summed(stacked) if known is None else np.where(stacked.step[..., None] == 0, 0.0, known)
     split = [[jax.tree.map(lambda x, t=t, w=w: x[t, w], stacked) for w in range(n_worlds)] for t in range(n_frames)]
     sums = [[None if np.isnan(row).any() else row for row in frame] for frame in returns]
-    return Film(split, sums, _times(np.asarray(stacked.step), dt))
+    return Film(split, sums, _times(np.asarray(stacked.step), env.base.dt))
 
 
-def one_time(env: Environment, state: Any, worlds: Picked, dt: float) -> Film:
+def one_time(env: Environment, state: Any, worlds: Picked) -> Film:
     """The single frame of some worlds of a state, of one world or a batch.
 
     Raises:
@@ -107,7 +110,7 @@ def one_time(env: Environment, state: Any, worlds: Picked, dt: float) -> Film:
     """
     if not isinstance(state, State):
         raise ValueError(f"state: got {type(state).__name__}; takes a state, as reset and step give it")
-    return film(env, [state], worlds, dt)
+    return film(env, [state], worlds)
 
 
 def paced(times: np.ndarray, fps: float) -> list[int]:
@@ -202,12 +205,22 @@ def _only_one(worlds: Picked) -> None:
 
 
 def _check_fits(env: Environment, states: State) -> None:
-    model = env.base.model
-    if states.data.geom_xpos.shape[2] != model.ngeom or states.reward.shape[2] != env.base.n_agents:
-        raise ValueError(
-            f"states: got worlds of {states.reward.shape[2]} agents and {states.data.geom_xpos.shape[2]} geoms; takes "
-            f"states of env, with {env.base.n_agents} and {model.ngeom}"
-        )
+    """By what is in a world and what its mechanics keep; the engine may be another one."""
+    wanted, got = _shapes(env.state_shape, 0), _shapes(states, 2)
+    for name in (*wanted, *got):
+        if wanted.get(name) != got.get(name):
+            here, there = (str(of.get(name, "nothing")) for of in (got, wanted))
+            raise ValueError(f"states: got states of another environment: {name} has {here}, and in env {there}")
+
+
+def _shapes(state: State, leading: int) -> dict[str, tuple[int, ...]]:
+    """By names, the shapes of what is in a world and of what its mechanics keep, without some leading axes."""
+    parts = {"reward": state.reward, "world": state.world, "mechanics": state.mechanics}
+    parts["data"] = {"geom_xpos": state.data.geom_xpos, "qpos": state.data.qpos}
+    return {
+        "state" + "".join(f".{getattr(key, 'key', getattr(key, 'name', key))}" for key in path): leaf.shape[leading:]
+        for path, leaf in jax.tree_util.tree_leaves_with_path(parts)
+    }
 
 
 def _summed(states: State) -> np.ndarray:

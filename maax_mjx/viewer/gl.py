@@ -11,6 +11,7 @@ from typing import Any
 from maax_mjx.physics import MissingLibraryError
 
 LIBRARIES = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}
+OWN, WINDOWS = ("egl", "osmesa", "cgl"), ("glfw", "glx", "wgl")
 OFF = ("disable", "disabled", "off", "false", "0")
 
 
@@ -22,6 +23,7 @@ def open_context(width: int, height: int) -> Any:
 
     Raises:
         MissingLibraryError: there is none; the message says what brings one.
+        ValueError: MUJOCO_GL is none of MuJoCo's.
     """
     chosen = _chosen()
     if chosen in OFF:
@@ -60,7 +62,10 @@ def _first(width: int, height: int) -> tuple[Any, dict[str, str]]:
 
 
 def _chosen() -> str:
-    return os.environ.get("MUJOCO_GL", "").lower().strip()
+    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if chosen not in ("", *OWN, *WINDOWS, *OFF):
+        raise ValueError(f"MUJOCO_GL: got {chosen!r} in the environment; takes one of {[*OWN, *WINDOWS, *OFF]}")
+    return chosen
 
 
 def _try(name: str, width: int, height: int) -> tuple[Any, str]:
@@ -78,9 +83,9 @@ def _try(name: str, width: int, height: int) -> tuple[Any, str]:
 
 def _backends(chosen: str) -> list[str]:
     system = platform.system()
-    if chosen in ("egl", "osmesa", "cgl"):
+    if chosen in OWN:
         return [chosen]
-    if chosen in ("glfw", "glx", "wgl"):
+    if chosen in WINDOWS:
         return ["glfw"]
     if system == "Linux":
         return [*LIBRARIES, *(["glfw"] if os.environ.get("DISPLAY") else [])]

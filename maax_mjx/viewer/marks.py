@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import jax
 import numpy as np
 
+from maax_mjx.checks import check_bool
 from maax_mjx.modules import Entities, Flags, Ramps
 from maax_mjx.state import State
 from maax_mjx.viewer import palette
@@ -57,8 +58,8 @@ class Marks:
         self._stage = stage
         env = stage.env
         self._locking, self._grabbing, self._tag = find(env, LockObjects), find(env, GrabObjects), find(env, Tag)
-        self._sight = _needed("vision", vision, find(env, LineOfSight))
-        self._lidar = _needed("lidar", lidar, find(env, Lidar))
+        self._sight = _needed("vision", check_bool("vision", vision), find(env, LineOfSight))
+        self._lidar = _needed("lidar", check_bool("lidar", lidar), find(env, Lidar))
         self._cast = jax.jit(self._lidar.rays) if self._lidar is not None else None
         self._lockable = _slots(self._locking)
         self._grabbable = _slots(self._grabbing)

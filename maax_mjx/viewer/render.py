@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from maax_mjx.checks import check_choice, check_count, check_positive
+from maax_mjx.checks import check_choice, check_count, check_path, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.physics import MissingLibraryError
+from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.film import Film, Picked, film, one_time
 from maax_mjx.viewer.scene import Frame
 from maax_mjx.viewer.stage import Stage
@@ -21,6 +22,8 @@ from maax_mjx.viewer.stage import Stage
 VIEWS = ("auto", "3d", "plan")
 FPS = 30
 GIF_FPS = 25
+LARGEST = 8192
+"""Pixels a side, which OpenGL draws everywhere."""
 COLOURS = 128
 """Of a gif, which can have 256: fewer make a smaller file, and the worlds have few."""
 
@@ -45,7 +48,7 @@ def render(
         env: the environment.
         state: of one world or of a batch.
         worlds: which of a batch, an index or several, side by side; None is the first one.
-        size: width and height in pixels.
+        size: width and height in pixels, 16 to 8192.
         camera: in three dimensions: "default" (from the south, above), "top", or a dict with any of azimuth and
             elevation in degrees, distance in metres and lookat (3,), as MuJoCo counts them.
         view: "3d", which needs OpenGL; "plan", from above and flat, which needs none; "auto" is "3d" where there is
@@ -62,7 +65,7 @@ def render(
     """
     _check(size, view)
     stage = Stage(env, vision=vision, lidar=lidar)
-    shown = one_time(env, state, worlds, stage.dt)
+    shown = one_time(env, state, worlds)
     with _drawing(stage, shown, size, camera, view) as draw:
         return draw(_frames(stage, shown, 0))
 
@@ -82,6 +85,8 @@ def video(
     lidar: bool = False,
 ) -> Path:
     """Writes a moving picture.
+
+    Of states up to 0.2 s apart, as in games of long steps, it also shows moments in between, on straight ways.
 
     Args:
         env: the environment.
@@ -104,17 +109,16 @@ def video(
         ValueError: an argument out of its range, states of another environment, a sense that it does not have.
         MissingLibraryError: "3d" without OpenGL, or an .mp4 without PyAV.
     """
-    path = Path(path)
+    path = check_path("path", path, (".mp4", ".gif"))
     kind = path.suffix.lower()
-    if kind not in (".mp4", ".gif"):
-        raise ValueError(f"path: got {str(path)!r}; takes a file that ends in .mp4 or .gif")
     _check(size, view)
     if kind == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise ValueError(f"size: got {size}; takes even numbers for an .mp4")
     speed = check_positive("speed", speed)
     stage = Stage(env, vision=vision, lidar=lidar)
-    shown = film(env, states, worlds, stage.dt)
-    rate = _rate(shown, speed, fps, kind)
+    shown = film(env, states, worlds)
+    shown = smooth(shown, _most(fps, kind) / speed)
+    rate = _most(fps, kind) if fps is not None else min(_most(fps, kind), shown.rate * speed)
     write = _write_mp4 if kind == ".mp4" else _write_gif
     with _drawing(stage, shown, size, camera, view) as draw:
         write(path, (draw(_frames(stage, shown, i)) for i in _sampled(shown.times / speed, rate)), rate, size)
@@ -126,7 +130,8 @@ def _check(size: Any, view: str) -> None:
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise ValueError(f"size: got {size!r}; takes (width, height) in pixels")
     for value in size:
-        check_count("size", value, minimum=16)
+        if check_count("size", value, minimum=16) > LARGEST:
+            raise ValueError(f"size: got {size}; takes at most {LARGEST} pixels a side")
 
 
 def _frames(stage: Stage, shown: Film, i: int) -> list[Frame]:
@@ -154,16 +159,14 @@ def _drawing(stage: Stage, shown: Film, size: Size, camera: Any, view: str) -> I
     yield lambda frames: picture(stage, frames, size)
 
 
-def _rate(shown: Film, speed: float, fps: int | None, kind: str) -> float:
-    """Frames per second."""
-    if fps is not None:
-        rate = check_count("fps", fps, minimum=1)
-        if kind == ".gif" and rate > 50:
-            raise ValueError(f"fps: got {fps}; takes at most 50 for a .gif, which cannot time more")
-        return rate
-    n = len(shown.times)
-    own = (n - 1) / shown.times[-1] * speed if n > 1 else np.inf
-    return min(float(own), GIF_FPS if kind == ".gif" else FPS)
+def _most(fps: int | None, kind: str) -> int:
+    """Frames per second, at most."""
+    if fps is None:
+        return GIF_FPS if kind == ".gif" else FPS
+    rate = check_count("fps", fps, minimum=1)
+    if kind == ".gif" and rate > 50:
+        raise ValueError(f"fps: got {fps}; takes at most 50 for a .gif, which cannot time more")
+    return rate
 
 
 def _sampled(times: np.ndarray, rate: float) -> np.ndarray:

@@ -11,16 +11,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_bool, check_count, check_positive
+from maax_mjx.checks import check_bool, check_count, check_path, check_positive
 from maax_mjx.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer import palette
+from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.camera import FOVY, Camera, place_camera
 from maax_mjx.viewer.film import Picked, film, paced
 from maax_mjx.viewer.palette import as_bytes
 from maax_mjx.viewer.scene import Frame, Label, Line, Part, Shape, grid_lines, offsets, outline
 from maax_mjx.viewer.stage import Stage
 
+ENDINGS = (".html", ".htm")
 FPS = 30
 HEIGHT = 500
 SHAPE_OF_PAGE = (16, 10)
@@ -43,8 +45,8 @@ class Replay:
         self.html, self.n_frames, self.seconds = page, n_frames, seconds
 
     def save(self, path: str | Path) -> Path:
-        """Writes the page."""
-        path = Path(path)
+        """Writes the page into a file that ends in .html."""
+        path = check_path("path", path, ENDINGS)
         path.write_text(self.html, encoding="utf-8")
         return path
 
@@ -75,13 +77,14 @@ def replay(
 ) -> Replay:
     """Makes a web page that plays worlds: with play, pause, a time line, speeds, and a camera to turn by mouse.
 
-    One file that opens offline: 0.8 MB for what plays it, and 0.03 to 0.05 MB for every 10 s of a world.
+    One file that opens offline: 0.8 MB for what plays it, and 0.03 to 0.05 MB for every 10 s of a world. Of states up
+    to 0.2 s apart, as in games of long steps, it also shows moments in between, on straight ways.
 
     Args:
         env: the environment.
         states: a `Recording`; a list of states of single worlds or of batches; or one state with the leading axis
             (n_frames,) or axes (n_frames, n_worlds), as `jax.lax.scan` stacks them.
-        path: where to write the page; None writes none.
+        path: where to write the page, a file that ends in .html; None writes none.
         worlds: which of a batch, an index or several, side by side; None is the first one, or all of a recording.
         speed: of the page's 1x; 1 is real time.
         fps: frames per second of the page, at most; states in between are left out.
@@ -100,8 +103,10 @@ def replay(
     """
     shadows = check_bool("shadows", shadows)
     speed, fps = check_positive("speed", speed), check_count("fps", fps, minimum=1)
+    if path is not None:
+        path = check_path("path", path, ENDINGS)
     stage = Stage(env, vision=vision, lidar=lidar)
-    shown = film(env, states, worlds, stage.dt)
+    shown = smooth(film(env, states, worlds), fps / speed)
     shown = shown.at(paced(shown.times / speed, fps))
     n_worlds = len(shown.states[0])
     edge = shown.edge

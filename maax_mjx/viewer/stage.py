@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.env import Environment
+from maax_mjx.env import Environment, check_environment
 from maax_mjx.modules import Entities
 from maax_mjx.state import State
 from maax_mjx.viewer import palette
@@ -50,9 +50,7 @@ class Stage:
     """
 
     def __init__(self, env: Environment, *, vision: bool = False, lidar: bool = False):
-        if not isinstance(env, Environment):
-            raise ValueError(f"env: got {env!r}; takes an environment, as maax.make(...) gives it")
-        self.env, self.base = env, env.base
+        self.env, self.base = check_environment(env), env.base
         self.model = self.base.model
         self.agents = self.base.agents
         membership = find(env, TeamMembership)

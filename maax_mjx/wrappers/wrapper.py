@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import jax
@@ -10,9 +9,8 @@ import jax.numpy as jnp
 from gymnasium import spaces
 
 from maax_mjx.base import Base
-from maax_mjx.env import Environment
+from maax_mjx.env import Environment, check_environment
 from maax_mjx.params import DomainParams
-from maax_mjx.spaces import space_of
 from maax_mjx.state import State
 
 W = TypeVar("W", bound="Wrapper")
@@ -42,9 +40,7 @@ class Wrapper(Environment):
     """Wrappers that must be inside this one, where there are any: `precedes`, said from the other side."""
 
     def __init__(self, env: Environment):
-        if not isinstance(env, Environment):
-            raise ValueError(f"env: got {env!r}; takes an environment")
-        self.env = env
+        self.env = check_environment(env)
         mine = type(self).__name__
         for kind in self.requires:
             self.inner(kind)
@@ -64,10 +60,6 @@ class Wrapper(Environment):
     @property
     def action_space(self) -> spaces.Dict:
         return self.env.action_space
-
-    @cached_property
-    def observation_space(self) -> spaces.Dict:
-        return space_of(jax.eval_shape(self.reset, jax.random.key(0)).obs)
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         return self.env.reset(key, params)
