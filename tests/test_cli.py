@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 
 import mujoco
 import numpy as np
@@ -39,7 +40,7 @@ def test_rollout_writes_what_it_says(played):
         str(folder / name) for name in ("worlds.png", "rollout.gif", "rollout.npz", "world.xml", "replay.html")
     )
     assert np.asarray(Image.open(folder / "worlds.png")).std() > 10
-    assert Image.open(folder / "rollout.gif").n_frames == 4
+    assert Image.open(folder / "rollout.gif").n_frames == 3
     assert (folder / "replay.html").read_text().startswith("<!")
     model = mujoco.MjModel.from_xml_path(str(folder / "world.xml"))
     assert model.nkey == 1
@@ -74,18 +75,19 @@ def test_replay(played, kind, capsys):
         (["rollout", "--env.n_boxes=50"], "n_boxes"),
         (["rollout", "--env.n_boxs", "3"], "did you mean 'n_boxes'"),
         (["rollout", "--env.n_boxes"], "got no value"),
-        (["rollout", "hide", "--env.n_boxes", "3"], "name: got 'hide'"),
+        (["rollout", "hide", "--env.n_boxes", "3"], "'hide_and_seek'"),
+        (["rollout", "--env.n_boxes", "2", "50", "hide_and_seek", "--worlds=0"], "worlds: got 0"),
         (["rollout", "--worlds=0"], "worlds"),
         (["rollout", "--show=300"], "show: got 300"),
         (["rollout", "--setps=3"], "--setps"),
         (["worlds", "--n=0"], "n: got 0"),
         (["worlds", "--env.n_boxes=2"], "only rollout"),
         (["replay", __file__], "no saved rollout"),
-        (["replay", "nowhere.npz"], "nowhere.npz"),
+        (["replay", "nowhere.npz"], "file: got nowhere.npz, which is not there"),
         (["replay", "a.npz", "--out=a.txt"], "out: got a.txt"),
-        (["info", "hide"], "takes one of"),
+        (["info", "hide"], "'hide_and_seek'"),
         (["bench", "hide"], "bench: got 'hide'"),
-        (["dance"], "rollout"),
+        (["rolout"], "did you mean 'rollout'"),
     ],
 )
 def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch, capsys):
@@ -100,20 +102,7 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
 
 def test_ctrl_c_writes_what_was_done(tmp_path):
     """The first interrupt ends the rollout after the step that runs, with everything written."""
-    command = [
-        sys.executable,
-        "-c",
-        "from maax_mjx.cli import main; main()",
-        "rollout",
-        "--worlds=4",
-        "--steps=10000000",
-    ]
-    process = subprocess.Popen(
-        [*command, "--json", f"--out={tmp_path}"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    seen = ""
-    while "env-steps/s" not in seen:
-        seen += process.stderr.read(1)
+    process = started_rollout(tmp_path, until="env-steps/s")
     process.send_signal(signal.SIGINT)
     printed, _ = process.communicate(timeout=120)
     assert process.returncode == 130
@@ -122,6 +111,31 @@ def test_ctrl_c_writes_what_was_done(tmp_path):
     assert 0 < result["steps"] < 10000000
     for name in ("worlds.png", "rollout.gif", "world.xml", "rollout.npz"):
         assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_ctrl_c_ends_a_compilation(tmp_path):
+    """There is nothing to write yet: the process ends at once, without a traceback or a crash."""
+    process = started_rollout(tmp_path, until="compiling")
+    time.sleep(1.5)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    printed, told = process.communicate(timeout=5)
+    assert process.returncode == 130
+    assert not printed
+    assert told.endswith("maax-mjx: interrupted\n")
+    assert "Traceback" not in told
+    assert not list(tmp_path.iterdir())
+
+
+def started_rollout(folder, until):
+    """A rollout without end in a process of its own, when it has said a word."""
+    command = [sys.executable, "-c", "from maax_mjx.cli import main; main()", "rollout", "--worlds=4"]
+    options = ["--steps=10000000", "--json", f"--out={folder}"]
+    process = subprocess.Popen([*command, *options], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    seen = ""
+    while until not in seen:
+        seen += process.stderr.read(1)
+    return process
 
 
 def test_sheet_of_worlds(tmp_path, capsys):
@@ -157,7 +171,8 @@ def test_info(capsys):
     assert told["opengl"]
     main(["info", "hide_and_seek", "--json"])
     told = json.loads(capsys.readouterr().out)
-    assert told["fields"]["lock.radius"] == "0.25"
+    assert told["fields"]["lock.radius"] == 0.25
+    assert told["fields"]["cone"] is None
     assert "section 5.2.1" in told["about"][0]
 
 
@@ -176,7 +191,9 @@ def test_tab_completion(shell, capsys):
     with pytest.raises(SystemExit) as exited:
         main(["--tyro-print-completion", shell])
     assert not exited.value.code
-    assert "--steps" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    for word in ("--steps", "warp", "plan"):
+        assert word in told
 
 
 def test_fields_of_configs():
@@ -185,5 +202,6 @@ def test_fields_of_configs():
         ["rollout", "--steps", "3", "tag", "--json"],
         {"a": "1,2", "b_c": "x", "d": "-1"},
     )
+    assert split_overrides(["rollout", "--env.a", "1", "2", "tag"]) == (["rollout", "tag"], {"a": "1,2"})
     values = {"2,6": (2, 6), "0.5": 0.5, "None": None, "none": "none", "half,quad": ("half", "quad"), "(1,)": (1,)}
     assert {text: value_of(text) for text in values} == values

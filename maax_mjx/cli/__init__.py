@@ -9,9 +9,11 @@ from typing import Any
 
 import tyro
 
-from maax_mjx.cli.bench import bench
+from maax_mjx.checks import check_choice
+from maax_mjx.cli.bench import BENCHMARKS, bench
 from maax_mjx.cli.info import Info, info
-from maax_mjx.cli.options import MISTAKES, split_overrides
+from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
+from maax_mjx.cli.options import MISTAKES, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
 from maax_mjx.cli.worlds import Sheet, sheet
@@ -25,6 +27,9 @@ Tab completion: maax-mjx --tyro-print-completion bash (or zsh, tcsh) prints what
 @dataclass
 class Bench:
     """Times things: maax-mjx bench lists what, maax-mjx bench NAME --help the options."""
+
+    name: tyro.conf.Positional[names(BENCHMARKS)]  # type: ignore[valid-type]
+    """Which benchmark."""
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
@@ -56,11 +61,13 @@ def main(argv: list[str] | None = None) -> None:
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         print("maax-mjx: interrupted", file=sys.stderr)
-        raise SystemExit(130) from None
+        raise SystemExit(EXIT_CODE) from None
 
 
 def run(argv: list[str]) -> None:
     """Runs any command but `bench`, whose options are those of a benchmark."""
+    if argv and not argv[0].startswith("-"):
+        check_choice("command", argv[0], COMMANDS)
     argv, overrides = split_overrides(argv)
     args = tyro.extras.subcommand_cli_from_dict(
         COMMANDS, args=argv, prog="maax-mjx", description=DESCRIPTION, config=(tyro.conf.OmitArgPrefixes,)
@@ -70,7 +77,8 @@ def run(argv: list[str]) -> None:
     elif overrides:
         raise ValueError(f"--env.{next(iter(overrides))}: only rollout takes fields of an environment's config")
     elif isinstance(args, Sheet):
-        sheet(args)
+        with Interrupt():
+            sheet(args)
     elif isinstance(args, Replay):
         replay(args)
     elif isinstance(args, Info):

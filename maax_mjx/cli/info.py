@@ -14,7 +14,7 @@ import jax
 import tyro
 
 import maax_mjx as maax
-from maax_mjx.cli.options import report
+from maax_mjx.cli.options import names, report
 from maax_mjx.physics import IMPLS, best_impl, check_impl
 from maax_mjx.viewer.gl import backends
 
@@ -37,7 +37,7 @@ PACKAGES = (
 class Info:
     """Tells what is installed: versions, devices, engines, OpenGL; or of an environment, the fields of its config."""
 
-    env: tyro.conf.Positional[str] = ""
+    env: tyro.conf.Positional[names(maax.tasks()) | None] = None  # type: ignore[valid-type]
     """An environment's name; none tells what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
@@ -76,14 +76,14 @@ def of_env(name: str) -> dict[str, Any]:
     return {"env": name, "fields": _fields(config), "about": [text for text in texts if text]}
 
 
-def _fields(config: Any, prefix: str = "") -> dict[str, str]:
-    found: dict[str, str] = {}
+def _fields(config: Any, prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
     for f in fields(config):
         value = getattr(config, f.name)
         if is_dataclass(value):
             found |= _fields(value, f"{prefix}{f.name}.")
         else:
-            found[prefix + f.name] = getattr(value, "__name__", repr(value))
+            found[prefix + f.name] = value.__name__ if callable(value) else value
     return found
 
 
@@ -107,13 +107,17 @@ def _engine(impl: str) -> str:
     return "works"
 
 
+def _shown(value: Any) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
 def _lines(result: Mapping[str, Any]) -> list[str]:
     lines = []
     for name, value in result.items():
         if name == "about":
             lines += ["", *"\n\n".join(value).splitlines()]
         elif isinstance(value, Mapping):
-            lines += [f"{name}", *(f"  {key:26} {text}" for key, text in value.items())]
+            lines += [f"{name}", *(f"  {key:26} {_shown(text)}" for key, text in value.items())]
         elif isinstance(value, list):
             lines.append(f"{name:18} {', '.join(value)}")
         else:

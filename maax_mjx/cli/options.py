@@ -1,14 +1,13 @@
-"""What commands share: fields of an environment's config, results for machines, interrupts."""
+"""What commands share: fields of an environment's config, results for machines."""
 
 from __future__ import annotations
 
 import ast
 import json
-import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
-from typing import Any
+from typing import Any, Literal
 
 import maax_mjx as maax
 from maax_mjx.env import Environment
@@ -17,11 +16,16 @@ ENV = "--env."
 MISTAKES = (ValueError, OSError, maax.MissingLibraryError)
 
 
+def names(choices: Iterable[str]) -> Any:
+    """The type of an option that takes one of some names, which Tab completes."""
+    return Literal[tuple(choices)]
+
+
 def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
     """The arguments without `--env.FIELD VALUE`, and these as FIELD: VALUE.
 
-    A value ends at the next option; several words are joined by commas, so that `--env.n_boxes 2 6` is
-    `--env.n_boxes 2,6`.
+    A value ends at the next option or at the name of an environment; several words are joined by commas, so that
+    `--env.n_boxes 2 6` is `--env.n_boxes 2,6`.
 
     Raises:
         ValueError: a field without a value.
@@ -34,7 +38,7 @@ def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
             name, equals, value = word.removeprefix(ENV).partition("=")
             name, open_ended = name.replace("-", "_"), not equals
             found[name] = [value] if equals else []
-        elif open_ended and not word.startswith("--"):
+        elif open_ended and not word.startswith("--") and not (found[name] and word in maax.tasks()):
             found[name].append(word)
         else:
             open_ended = False
@@ -99,23 +103,3 @@ def count_of(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:
     if len(values) == 2:
         return values[0], values[1]
     raise ValueError(f"{name}: got {values}; takes one number, or LOW HIGH")
-
-
-class Interrupt:
-    """Notes Ctrl-C instead of raising it, which would tear down the physics in the middle of a step.
-
-    A second one raises.
-    """
-
-    def __enter__(self) -> Interrupt:
-        self.asked = False
-        self._before = signal.signal(signal.SIGINT, self._note)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._before)
-
-    def _note(self, *_: object) -> None:
-        if self.asked:
-            raise KeyboardInterrupt
-        self.asked = True

@@ -11,8 +11,9 @@ import tyro
 from PIL import Image
 
 import maax_mjx as maax
-from maax_mjx.cli.options import report
+from maax_mjx.cli.options import names, report
 from maax_mjx.cli.saved import load
+from maax_mjx.viewer.render import VIEWS
 
 KINDS = (".html", ".mp4", ".gif", ".png")
 
@@ -31,7 +32,7 @@ class Replay:
     """1 is real time."""
     size: tuple[int, int] = (640, 480)
     """Of a film or picture, in pixels."""
-    view: str = "auto"
+    view: names(VIEWS) = "auto"  # type: ignore[valid-type]
     """Of a film or picture: 3d, which needs OpenGL, plan, which needs none, or auto."""
     vision: bool = False
     """Whether to show who sees where and whom; needs LineOfSight in the environment."""

@@ -15,12 +15,14 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.checks import check_count
-from maax_mjx.cli.options import Interrupt, make_env, report
+from maax_mjx.cli.interrupt import Interrupt
+from maax_mjx.cli.options import make_env, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.env import Environment
 from maax_mjx.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
-from maax_mjx.viewer import Recording, contact_sheet, gif
+from maax_mjx.physics import IMPLS
+from maax_mjx.viewer import Recording, contact_sheet
 from maax_mjx.viewer.film import pick
 
 SHEET = 12
@@ -41,7 +43,7 @@ class Rollout:
     plain MuJoCo).
     """
 
-    env: tyro.conf.Positional[str] = "standard"
+    env: tyro.conf.Positional[names(maax.tasks())] = "standard"  # type: ignore[valid-type]
     """The environment's name."""
     worlds: int = 256
     """Worlds stepped together, each in a layout of its own."""
@@ -49,8 +51,8 @@ class Rollout:
     """Env steps."""
     seed: int = 0
     """Of the worlds and the actions."""
-    impl: str = "auto"
-    """Physics engine: auto, c, jax or warp."""
+    impl: names(IMPLS) = "auto"  # type: ignore[valid-type]
+    """Physics engine."""
     show: int = 1
     """Of how many worlds rollout.npz and replay.html are."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
@@ -76,6 +78,14 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
         raise ValueError(f"seed: got {args.seed}; takes 0 to 2**63 - 1")
     if args.show > args.worlds:
         raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
+    with Interrupt() as interrupt:
+        result = _rollout(args, overrides, interrupt)
+    report(result, args.json, _summary(result))
+    if interrupt.asked:
+        raise KeyboardInterrupt
+
+
+def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
     args.out.mkdir(parents=True, exist_ok=True)
     worlds = Worlds(env, args.worlds)
@@ -90,7 +100,8 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
     every = max(1, round(1 / (FPS * env.base.dt)))
     frames, done, spent = [pick(states, shown)], 0, 0.0
     bar.set_description_str(f"{args.worlds} worlds")
-    with Interrupt() as interrupt, bar:
+    interrupt.keep()
+    with bar:
         while done < args.steps and not interrupt.asked:
             n = min(every, args.steps - done)
             start = time.perf_counter()
@@ -104,10 +115,7 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
                 frames.append(pick(states, shown))
     recording = Recording.of(frames)
     files = _write(args, overrides, env, states, first, recording)
-    result = _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
-    report(result, args.json, _summary(result))
-    if interrupt.asked:
-        raise KeyboardInterrupt
+    return _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
 
 
 def _advance(worlds: Worlds) -> jax.stages.Wrapped:
@@ -139,8 +147,7 @@ def _write(
         written.append("replay.html")
     except maax.MissingLibraryError as error:
         tqdm.write(f"no replay.html: {error}")
-    moments = [jax.tree.map(lambda x, t=t: x[t, 0], recording.states) for t in range(len(recording.states.step))]
-    gif(env, tqdm(moments, desc="rollout.gif", unit="frame", mininterval=0.5), out / "rollout.gif", FPS)
+    maax.video(env, recording, out / "rollout.gif", worlds=0)
     return [str(out / name) for name in [*written, "rollout.gif"]]
 
 

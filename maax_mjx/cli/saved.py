@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,12 @@ def load(path: Path) -> tuple[Environment, Recording]:
         with np.load(path) as file:
             arrays = dict(file)
         meta = json.loads(str(arrays.pop(META)))
-    except (KeyError, ValueError) as error:
-        raise ValueError(f"file: got {path}, which is no saved rollout ({error}); takes a rollout.npz") from None
+    except FileNotFoundError:
+        raise ValueError(f"file: got {path}, which is not there; takes a rollout.npz of maax-mjx rollout") from None
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        raise ValueError(
+            f"file: got {path}, which is no saved rollout; takes a rollout.npz of maax-mjx rollout"
+        ) from None
     if meta["format"] != FORMAT:
         raise ValueError(f"file: got {path} of format {meta['format']}; takes format {FORMAT}")
     # Pictures need no engine; which one it is does not matter.

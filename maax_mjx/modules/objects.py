@@ -114,7 +114,7 @@ class Boxes(Entities):
 
     def make(self, name: str) -> Obj:
         size = [float(e) for e in self.extent]
-        rgba = (0.85, 0.63, 0.4, 1.0)
+        rgba = (0.80, 0.71, 0.55, 1.0)
         return Geom("box", size, name=name, mass=self.mass.high, free=self.free, rgba=rgba)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:

@@ -9,9 +9,9 @@ from maax_mjx.viewer.record import record
 from maax_mjx.viewer.render import render, video
 from maax_mjx.viewer.replay import Replay, replay
 
-PLAN = ("contact_sheet", "draw_plan", "gif")
+PLAN = ("contact_sheet", "draw_plan")
 
-__all__ = ["Recording", "Replay", "contact_sheet", "draw_plan", "gif", "record", "render", "replay", "video"]
+__all__ = ["Recording", "Replay", "contact_sheet", "draw_plan", "record", "render", "replay", "video"]
 
 
 def __getattr__(name: str) -> Any:

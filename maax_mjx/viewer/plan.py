@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
-from PIL import Image
 
 from maax_mjx.env import Environment
 from maax_mjx.state import State
@@ -19,7 +18,6 @@ from maax_mjx.viewer import palette
 from maax_mjx.viewer.scene import Frame, Line, Lock, Part, grid_of
 from maax_mjx.viewer.stage import Stage
 
-GIF_FPS = 25
 DPI = 100
 WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0}
 
@@ -98,27 +96,6 @@ def contact_sheet(
         ax = figure.add_subplot(rows, columns, i + 1)
         draw_plan(ax, env if isinstance(env, Environment) else env[i], state, titles[i] if titles else "")
     figure.savefig(path, dpi=110)
-
-
-def gif(env: Environment, states: Iterable[State], path: str | Path, fps: int = GIF_FPS) -> None:
-    """Writes one world's states as a moving picture, every one of them; `maax.video` keeps the time.
-
-    Args:
-        env: the environment.
-        states: of a single world, in order.
-        path: the .gif file.
-        fps: frames per second, at most 50, which is what the format can time.
-    """
-    figure = Figure(figsize=(4, 4.2), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
-    ax = figure.add_subplot()
-    stage = Stage(env)
-    frames = []
-    for state in states:
-        draw_frame(ax, stage, stage.frame(state), f"{float(state.data.time):5.2f} s")
-        canvas.draw()
-        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 // fps, loop=0)
 
 
 def _draw_wall(ax: Axes, stage: Stage, part: Part) -> None:

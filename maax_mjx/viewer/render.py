@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
+from tqdm import tqdm
 
 from maax_mjx.checks import check_choice, check_count, check_path, check_positive
 from maax_mjx.env import Environment
@@ -24,6 +25,8 @@ FPS = 30
 GIF_FPS = 25
 LARGEST = 8192
 """Pixels a side, which OpenGL draws everywhere."""
+SOON = 2.0
+"""Seconds without a bar."""
 COLOURS = 128
 """Of a gif, which can have 256: fewer make a smaller file, and the worlds have few."""
 
@@ -120,8 +123,9 @@ def video(
     shown = smooth(shown, _most(fps, kind) / speed)
     rate = _most(fps, kind) if fps is not None else min(_most(fps, kind), shown.rate * speed)
     write = _write_mp4 if kind == ".mp4" else _write_gif
+    moments = tqdm(_sampled(shown.times / speed, rate), path.name, unit="frame", delay=SOON, leave=False)
     with _drawing(stage, shown, size, camera, view) as draw:
-        write(path, (draw(_frames(stage, shown, i)) for i in _sampled(shown.times / speed, rate)), rate, size)
+        write(path, (draw(_frames(stage, shown, i)) for i in moments), rate, size)
     return path
 
 

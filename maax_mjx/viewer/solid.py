@@ -29,6 +29,8 @@ SAMPLES, SHADOW = 8, 4096
 FLOOR_DEPTH, GRID_WIDTH, GRID_HEIGHT = 0.05, 0.01, 0.0015
 LIGHTS = ((0.36, 0.24), (0.0, 0.5))
 """Ambient and diffuse share of the light at the eye, and of the sun."""
+WORDS = 0.24
+"""Height of the words above a world, as a share of its edge."""
 SUN = np.array([0.55, -0.15, -1.0])
 
 
@@ -53,7 +55,7 @@ class Solid:
         self._size, self._edge = size, edge
         self._offsets = offsets(n, edge)
         extent = self._offsets.max(axis=0)[:2] + edge
-        self._camera = place_camera(camera, extent, size, 0.2 * edge if n > 1 else 0.0)
+        self._camera = place_camera(camera, extent, size, WORDS * edge if n > 1 else 0.0)
         # Shadows are sized by the model's extent, and the parked entities of the compiled one are far away.
         self._model = copy.copy(stage.model)
         self._model.stat.extent = float(np.linalg.norm(extent)) / 1.4
@@ -176,7 +178,7 @@ class Solid:
         pen = ImageDraw.Draw(picture)
         columns, _ = grid_of(len(frames))
         base = self._size[0] / columns
-        small, large = (ImageFont.load_default(max(9, round(base * share))) for share in (0.017, 0.022))
+        small, large = (ImageFont.load_default(max(9, round(base * share))) for share in (0.026, 0.03))
         for frame, offset in zip(frames, self._offsets, strict=True):
             for label in frame.labels:
                 at = tuple(self._camera.project(label.position[None] + offset, self._size)[0])

@@ -30,7 +30,7 @@ KINDS = {
     mujoco.mjtGeom.mjGEOM_MESH: ("mesh", 0),
 }
 WAITS = 0.55
-"""How grey seekers are while they wait, and agents that are out."""
+"""How dark seekers are while they wait, and agents that are out: paler, they would look like boxes."""
 
 
 class Stage:
@@ -131,7 +131,7 @@ class Stage:
         waits = self.preparing(state) and self.team[agent] == SEEKERS
         if self.flags is not None:
             waits |= bool(state.mechanics[self.flags.name].out[agent])
-        return blend(self.colours[agent], palette.GREY, WAITS) if waits else self.colours[agent]
+        return blend(self.colours[agent], palette.DARK, WAITS) if waits else self.colours[agent]
 
     def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray]:
         model = self.model
