@@ -13,6 +13,7 @@ from typing import Any
 
 FEW_CORES = 3
 XLA_CPU_THREADS = "3"
+NO_MEMORY = ("RESOURCE_EXHAUSTED", "Out of memory", "out of memory", "Failed to allocate", "bad_alloc")
 
 
 def guard_small_hosts() -> None:
@@ -22,13 +23,18 @@ def guard_small_hosts() -> None:
     every pool thread idle, the executable waiting). XLA reads NPROC when its client starts; a value that the user
     set stays.
     """
-    if _cores() <= FEW_CORES:
+    if cores() <= FEW_CORES:
         os.environ.setdefault("NPROC", XLA_CPU_THREADS)
 
 
-def _cores() -> int:
+def cores() -> int:
     """The cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether an error says so, of JAX, of Warp inside a JAX program, or of C++ on the host."""
+    return isinstance(error, MemoryError) or any(words in str(error) for words in NO_MEMORY)
 
 
 def keep_compiled_programs() -> None:

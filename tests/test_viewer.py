@@ -23,6 +23,7 @@ from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.film import Film, film, paced
 from maax_mjx.viewer.scene import up
 from maax_mjx.viewer.stage import Stage
+from maax_mjx.worldgen import ObjFromXML
 from maax_mjx.wrappers import Lidar, find
 
 HORIZON, PREPARATION, N_STEPS = 12, 5, 30
@@ -322,6 +323,54 @@ def test_worlds_are_side_by_side(env, recording):
     assert both[:, :200].std() > 10
     assert both[:, 200:].std() > 10
     assert not np.array_equal(both, ones[0])
+
+
+LYING = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="annotation:outer_bound"><geom type="box" size="0.9 0.7 0.3" pos="0 0 0.3"/></body>
+  <body name="main" pos="0 0 0.3">
+    <joint name="x" type="slide" axis="1 0 0"/> <joint name="y" type="slide" axis="0 1 0"/>
+    <joint name="z" type="slide" axis="0 0 1"/> <joint name="yaw" type="hinge" axis="0 0 1"/>
+    <geom name="main" type="sphere" size="0.05"/>
+    <geom name="egg" type="ellipsoid" size="0.3 0.1 0.15" pos="-0.5 0 0" euler="0 0.7 0"/>
+    <geom name="pill" type="capsule" size="0.1 0.15" pos="0.5 0 0" euler="0 1.57 0"/>
+    <geom name="ball" type="sphere" size="0.12" pos="0 0.5 0"/>
+    <geom name="disc" type="cylinder" size="0.12 0.1" pos="0 -0.5 0"/>
+  </body>
+</worldbody></mujoco>"""
+
+
+class Toys(maax.Entities):
+    """A body with one of every kind of solid, in magenta."""
+
+    name, kind, count_name, friction_name = "toys", "toy", "n_toys", "toy_friction"
+
+    def __init__(self, path):
+        super().__init__(1, (1.8, 1.4, 0.6), maax.centre_placement)
+        path.write_text(LYING)
+        self.path = path
+
+    def make(self, name):
+        return ObjFromXML(self.path, name, rgba=(1.0, 0.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("view", ["3d", "plan"])
+def test_every_kind_of_solid_is_drawn(tmp_path, view):
+    """As wide and as deep from above as the trigonometry of its half axes says."""
+    env = maax.Base(1, impl="c")
+    env.add_module(maax.WallScenarios("empty", outer="none"))
+    env.add_module(maax.Agents(1, maax.uniform_placement))
+    env.add_module(Toys(tmp_path / "toys.xml"))
+    image = maax.render(env, env.reset(jax.random.key(0)), view=view, camera="top", size=(600, 600)).astype(int)
+    blobs, n = ndimage.label((image[..., 0] > 100) & (image[..., 1] < 80) & (image[..., 2] > 100))
+    assert n == 5
+    # From left to right: the egg, then from the front to the back the ball, the middle and the disc, then the pill.
+    found = sorted(ndimage.find_objects(blobs), key=lambda at: (at[1].start // 30, at[0].start))
+    widths = [2 * np.hypot(0.3 * np.cos(0.7), 0.15 * np.sin(0.7)), 0.24, 0.1, 0.24, 0.5]
+    depths = [0.2, 0.24, 0.1, 0.24, 0.2]
+    scale = found[1][1].stop - found[1][1].start
+    for at, width, depth in zip(found, widths, depths, strict=True):
+        assert at[1].stop - at[1].start == pytest.approx(width / 0.24 * scale, abs=2.5)
+        assert at[0].stop - at[0].start == pytest.approx(depth / 0.24 * scale, abs=2.5)
 
 
 def test_without_opengl_the_message_says_what_brings_it(env, recording, monkeypatch):

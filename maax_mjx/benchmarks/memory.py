@@ -32,10 +32,10 @@ import tyro
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.checks import check_count
+from maax_mjx.runtime import is_out_of_memory
 
 LARGEST = "largest"
 KEY = ("env", "impl", "asked")
-FULL = ("RESOURCE_EXHAUSTED", "out of memory", "Failed to allocate", "bad_alloc")
 
 
 @dataclass
@@ -130,9 +130,9 @@ def measure(name: str, impl: str, n_worlds: int) -> Row:
         np.asarray(states.step)
         used = device_used()
     except (RuntimeError, MemoryError) as failure:
-        error = f"{type(failure).__name__}: {failure}"
-        if not any(word in error for word in FULL):
+        if not is_out_of_memory(failure):
             raise
+        error = f"{type(failure).__name__}: {failure}"
     stats = pool()
     pool_peak, host = stats.get("peak_bytes_in_use", 0), host_peak()
     taken = stats.get("pool_bytes")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,6 +14,8 @@ from typing import Any, TypeVar
 
 import jax
 from tqdm import tqdm
+
+from maax_mjx.runtime import cores
 
 Case = TypeVar("Case")
 R = TypeVar("R")
@@ -28,7 +29,7 @@ def conditions() -> dict[str, Any]:
         "date": date.today().isoformat(),
         "python": platform.python_version(),
         "devices": [d.device_kind for d in jax.devices()],
-        "cpus": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cpus": cores(),
         "packages": {name: _version(name) for name in PACKAGES},
     }
 

@@ -35,9 +35,9 @@ from maax_mjx.layout import RoomPlan
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import World, make_engine
 from maax_mjx.physics.engine import MjxEngine
+from maax_mjx.runtime import is_out_of_memory
 
 WHAT = ("env", "bare")
-NO_MEMORY = ("RESOURCE_EXHAUSTED", "out of memory", "Failed to allocate")
 BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{of}")) for of in ("POS", "VEL", "ACC")]
 
 
@@ -135,7 +135,7 @@ def measure(make: Callable[[], Rolling], n_worlds: int, protocol: Protocol, held
     try:
         return _measure(make, n_worlds, n_steps, protocol, held)
     except (RuntimeError, MemoryError) as error:  # JAX's errors are RuntimeErrors.
-        if not isinstance(error, MemoryError) and not any(words in str(error) for words in NO_MEMORY):
+        if not is_out_of_memory(error):
             raise
         return Figures(n_steps, 0, note="out of memory")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -16,6 +15,7 @@ import tyro
 import maax_mjx as maax
 from maax_mjx.cli.options import names, report
 from maax_mjx.physics import IMPLS, best_impl, check_impl
+from maax_mjx.runtime import cores
 from maax_mjx.viewer.gl import backends
 
 PACKAGES = (
@@ -60,7 +60,7 @@ def of_installation() -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in PACKAGES},
         "devices": [str(device.device_kind) for device in jax.devices()],
-        "cpus": os.cpu_count(),
+        "cpus": cores(),
         "engines": {impl: _engine(impl) for impl in IMPLS if impl != "auto"},
         "auto": best_impl(),
         "opengl": backends(),

@@ -17,7 +17,7 @@ from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.rollout import Policy, check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
 from maax_mjx.params import DomainParams, check_params
-from maax_mjx.runtime import quick_compilation
+from maax_mjx.runtime import is_out_of_memory, quick_compilation
 from maax_mjx.spaces import check_action
 
 ROLLOUTS = 16
@@ -221,7 +221,7 @@ class Worlds:
         try:
             yield
         except jax.errors.JaxRuntimeError as error:
-            if "RESOURCE_EXHAUSTED" not in str(error) and "Out of memory" not in str(error):
+            if not is_out_of_memory(error):
                 raise
             raise MemoryError(
                 f"Worlds: {self.shards.per_device} worlds do not fit into the memory of one "

@@ -15,10 +15,12 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 from maax_mjx.env import Environment
 from maax_mjx.state import State
 from maax_mjx.viewer import palette
-from maax_mjx.viewer.scene import Frame, Line, Lock, Part, grid_of
+from maax_mjx.viewer.scene import Frame, Line, Lock, Part, furthest, grid_of
 from maax_mjx.viewer.stage import Stage
 
 DPI = 100
+AROUND = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 49)[:-1]])
+"""Horizontal directions, in which the furthest points of a solid are its outline from above."""
 WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0}
 
 
@@ -127,20 +129,10 @@ def _draw_cone(ax: Axes, stage: Stage, part: Part) -> None:
 
 
 def _draw_solid(ax: Axes, stage: Stage, part: Part) -> None:
-    pos, mat, shape = part.position, part.rotation, part.shape
-    zorder = 3 + pos[2]
-    style = dict(facecolor=shape.rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=zorder)
-    if shape.kind in ("sphere", "cylinder", "capsule"):
-        ax.add_patch(Circle((pos[0], pos[1]), shape.size[0], **style))
-        return
-    if shape.kind == "box":
-        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * shape.size
-        ax.add_patch(Polygon((pos + corners @ mat.T)[:, :2], **style))
-        return
-    # The corners come from the compiled mesh, which has a frame of its own.
-    around = (stage.meshes[shape.mesh][0] @ mat.T + pos)[:, :2]
-    offset = around - (around.min(axis=0) + around.max(axis=0)) / 2
-    ax.add_patch(Polygon(around[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))], **style))
+    vertices = stage.meshes[part.shape.mesh][0] if part.shape.kind == "mesh" else None
+    rim = part.position + furthest(part.shape, AROUND @ part.rotation, vertices) @ part.rotation.T
+    style = dict(facecolor=part.shape.rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=3 + part.position[2])
+    ax.add_patch(Polygon(rim[:, :2], **style))
 
 
 def _draw_line(ax: Axes, line: Line) -> None:

@@ -260,6 +260,8 @@ class _Page:
         return f"{world}/{name.replace(':', '_')}" + (f".{same}" if same else "")
 
     def _solid(self, name: str, shape: Shape, role: str) -> Any:
+        import trimesh
+
         add, size = self._scene, shape.size
         opacity = shape.rgba[3] if shape.rgba[3] < 1 else None
         style = dict(color=as_bytes(shape.rgba), opacity=opacity, cast_shadow=role not in ("door", "cone"))
@@ -269,9 +271,10 @@ class _Page:
             return add.add_icosphere(name, radius=size[0], subdivisions=3 if size[0] > 0.1 else 2, **style)
         if shape.kind == "cylinder":
             return add.add_cylinder(name, radius=size[0], height=2 * size[1], **style)
+        if shape.kind == "ellipsoid":
+            ball = trimesh.creation.icosphere(subdivisions=3)
+            return add.add_mesh_simple(name, ball.vertices * size, ball.faces, **style)
         if shape.kind == "capsule":
-            import trimesh
-
             mesh = trimesh.creation.capsule(2 * size[1], size[0])
             mesh.apply_translation([0, 0, -mesh.bounds.mean(axis=0)[2]])
             return add.add_mesh_simple(name, mesh.vertices, mesh.faces, **style)

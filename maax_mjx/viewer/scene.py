@@ -20,7 +20,8 @@ class Shape:
 
     Attributes:
         kind: "box" (size: half extents), "sphere" (radius), "cylinder" (radius, half height), "capsule" (radius, half
-            length), "mesh", or "sector" of a disc that points along x (radius, half angle in radians).
+            length), "ellipsoid" (half axes), "mesh", or "sector" of a disc that points along x (radius, half angle in
+            radians).
         size: metres, but for the angle.
         rgba: its colour.
         mesh: of a mesh, its number in the model.
@@ -143,6 +144,30 @@ def along(direction: np.ndarray) -> np.ndarray:
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def furthest(shape: Shape, directions: np.ndarray, vertices: np.ndarray | None = None) -> np.ndarray:
+    """(n, 3) the points of a solid that are furthest in directions (n, 3), all in its own frame.
+
+    Args:
+        shape: a solid, no sector.
+        directions: unit vectors.
+        vertices: (m, 3) of a mesh.
+    """
+    if vertices is not None:
+        return vertices[np.argmax(directions @ vertices.T, axis=1)]
+    size, ends = np.asarray(shape.size), np.sign(directions) * (np.abs(directions) > 1e-9)
+    if shape.kind == "box":
+        return ends * size
+    if shape.kind == "ellipsoid":
+        return directions * size**2 / np.linalg.norm(directions * size, axis=1, keepdims=True)
+    if shape.kind == "sphere":
+        return directions * size
+    axis = ends * [0.0, 0.0, size[1]]
+    if shape.kind == "capsule":
+        return directions * size[0] + axis
+    flat = directions * [1.0, 1.0, 0.0]
+    return size[0] * flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9) + axis
 
 
 def outline(shape: Shape, steps: int = 24) -> np.ndarray:

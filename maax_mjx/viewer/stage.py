@@ -27,6 +27,7 @@ KINDS = {
     mujoco.mjtGeom.mjGEOM_SPHERE: ("sphere", 1),
     mujoco.mjtGeom.mjGEOM_CYLINDER: ("cylinder", 2),
     mujoco.mjtGeom.mjGEOM_CAPSULE: ("capsule", 2),
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: ("ellipsoid", 3),
     mujoco.mjtGeom.mjGEOM_MESH: ("mesh", 0),
 }
 WAITS = 0.55
