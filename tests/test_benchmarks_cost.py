@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 
 import pytest
+import tyro
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import breakdown, fidelity, memory, plots, record
@@ -137,22 +139,48 @@ def test_operations_that_run_together_share_the_time():
         attribute([], {}, breakdown.part_of, breakdown.PARTS)
 
 
-def test_the_largest_batch(monkeypatch):
+EMPTY = {field.name: None for field in dataclasses.fields(memory.Row)} | {
+    "fits": True,
+    "too_large": [],
+    "state_bytes_per_world": 0,
+}
+
+
+def test_the_largest_batch():
     """Powers of two below the estimate, until one fits."""
-    empty = {field.name: None for field in dataclasses.fields(memory.Row)}
 
     def row(worlds, **options):
-        return memory.Row(
-            **empty | dict(worlds=worlds, fits=True, too_large=[], step_bytes=1000 + 10 * worlds) | options
-        )
+        given = dict(worlds=worlds, fits=True, too_large=[], step_bytes=1000 + 10 * worlds, pool_limit_bytes=21_500)
+        return memory.Row(**EMPTY | given | options)
 
-    monkeypatch.setattr(memory, "pool", lambda: {"bytes_limit": 21_500})
-    monkeypatch.setattr(memory, "measure", lambda name, impl, n: row(n, fits=n < 1000))
-    found = memory.largest("tiny", "c", [row(50), row(100), row(200)], 2**20)
+    before = [row(50), row(100), row(200)]
+    found = memory.largest(before, 2**20, lambda n: row(n, fits=n < 1000))
     assert (found.estimate, found.worlds, found.too_large, found.asked) == (2050, 512, [2048, 1024], "largest")
-    assert memory.largest("tiny", "c", [row(100), row(200)], 256).worlds == 256
-    with pytest.raises(RuntimeError, match="takes two growing batches"):
-        memory.largest("tiny", "c", [row(100)], 256)
+    assert memory.largest(before, 256, row).worlds == 256
+    # Outside the pool a world takes 20 bytes, and there is room for 12,000: 600 worlds.
+    outside = [row(n, outside_pool_bytes=20 * n, device_bytes=33_500) for n in (100, 200)]
+    assert memory.estimate(outside) == 600
+    with pytest.raises(RuntimeError, match="takes two that fit"):
+        memory.largest([row(100)], 256, row)
+    with pytest.raises(RuntimeError, match="two batches that grow"):
+        memory.largest([row(100), row(200, step_bytes=2000)], 256, row)
+
+
+def test_a_batch_in_a_process_of_its_own(monkeypatch):
+    """It gets the same options, and its row comes back."""
+    ran = []
+
+    def run_(command, check, env):
+        ran.append(command)
+        memory.main(tyro.cli(memory.Config, args=command[3:]))
+
+    monkeypatch.setattr(memory.subprocess, "run", run_)
+    monkeypatch.setattr(
+        memory, "measure", lambda name, impl, n: memory.Row(**EMPTY | dict(env=name, impl=impl, worlds=n))
+    )
+    row = memory.measure_alone("tiny", "c", 8)
+    assert (row.env, row.impl, row.worlds) == ("tiny", "c", 8)
+    assert ran[0][:3] == [sys.executable, "-m", "maax_mjx.benchmarks.memory"]
 
 
 def test_a_sweep_ends_when_its_time_is_over(tmp_path):

@@ -135,15 +135,24 @@ def test_several_devices_on_c_need_threads(env, monkeypatch):
     env.engine.check_devices(2)
 
 
-def test_too_much_for_the_memory(env, start, monkeypatch):
+@pytest.mark.parametrize(
+    ("impl", "told"),
+    [
+        ("jax", "RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes."),
+        ("warp", "INTERNAL: CustomCall failed: Failed to allocate 9 bytes."),
+    ],
+)
+def test_too_much_for_the_memory(env, start, monkeypatch, impl, told):
     worlds = maax.Worlds(env, N, donate=False)
 
     def fails(*_):
-        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes.\nmore")
+        raise jax.errors.JaxRuntimeError(f"{told}\nmore")
 
     monkeypatch.setattr(worlds, "_step", fails)
-    with pytest.raises(MemoryError, match=r"6 worlds do not fit .* take fewer \(n_worlds\).*9 bytes\.\)$"):
+    monkeypatch.setattr(type(env.engine), "impl", impl)
+    with pytest.raises(MemoryError, match=r"6 worlds do not fit .* take fewer \(n_worlds\).*9 bytes\.\)$") as refused:
         worlds.step(start, worlds.sample_action(jax.random.key(0)))
+    assert ("MEM_FRACTION" in str(refused.value)) == (impl == "warp")
 
 
 def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):

@@ -10,12 +10,12 @@ import json
 import os
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import jax
 import tyro
@@ -128,10 +128,9 @@ def measure_processes(case: Case, config: Config) -> Row:
         coordinator = f"localhost:{free.getsockname()[1]}"
     with TemporaryDirectory() as folder:
         out = Path(folder) / "row.json"
-        options = {"env": case.env, "impl": case.impl, "worlds": case.worlds, "devices": case.devices}
+        options: dict[str, Any] = {"env": case.env, "impl": case.impl, "worlds": case.worlds, "devices": case.devices}
         options |= {"steps": config.steps, "rollouts": config.rollouts, "out": out, "coordinator": coordinator}
-        command = [sys.executable, "-m", "maax_mjx.benchmarks.devices", "--no-processes"]
-        command += [word for name, value in options.items() for word in (f"--{name}", str(value))]
+        command = [*record.command("devices", **options), "--no-processes"]
         children = [
             subprocess.Popen([*command, "--rank", str(i)], env=os.environ | {"CUDA_VISIBLE_DEVICES": str(i)})
             for i in range(case.processes)

@@ -7,21 +7,24 @@ MuJoCo's own batch, nor programs. The device: all that is taken on it when a ste
 and whatever else runs there included; what of it is outside the pool is Warp's, the programs' and the driver's. The
 host: the most that the process ever had resident.
 
-Peaks are a process's: one that this row did not raise is left out. Run one environment and engine per process, and
-batches from small to large. XLA_PYTHON_CLIENT_MEM_FRACTION says how much of a device JAX's pool may take.
+On an accelerator every batch has a process of its own: what does not fit leaves memory behind that nothing frees, and
+peaks are a process's. XLA_PYTHON_CLIENT_MEM_FRACTION says how much of a device JAX's pool may take; the rest is Warp's.
 """
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import resource
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import jax
@@ -47,8 +50,10 @@ class Config:
         impl: engines.
         worlds: batch sizes, from small to large.
         largest: whether to look for the largest batch that fits, where the device says how much it has: a power of
-            two, estimated from what the two largest batches needed, and then stepped; half of it where that fails.
+            two, estimated from what the two largest batches needed in JAX's pool and outside of it, and then stepped;
+            half of it where that fails.
         most: worlds that are tried for it. Of not many more, arrays of all contacts have too many numbers for an int32.
+        separate: whether every batch has a process of its own; None is on accelerators.
         max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
         out: JSON file to write, which `python -m maax_mjx.benchmarks.plots` draws; nothing is written without one.
     """
@@ -58,6 +63,7 @@ class Config:
     worlds: tuple[int, ...] = (256, 1024, 4096)
     largest: bool = False
     most: int = 2**20
+    separate: bool | None = None
     max_minutes: float = math.inf
     out: Path | None = None
 
@@ -72,12 +78,13 @@ class Row:
         worlds: the batch size.
         fits: whether it was reset and stepped.
         too_large: batch sizes that were tried before and did not fit.
-        estimate: how many worlds there seemed to be room for in JAX's pool.
+        estimate: how many worlds there seemed to be room for.
         state_bytes_per_world: of a WorldsState.
         step_bytes, step_temporary_bytes: what the compiled step needs in all, and of it beside arguments and results.
         reset_bytes: what the compiled reset needs in all.
         pool_peak_bytes, pool_limit_bytes: of JAX's pool: the most in use so far, and what it may take.
         device_used_bytes, outside_pool_bytes: taken on the device after a step, and of it outside of the pool.
+        device_bytes: all that it has.
         host_peak_bytes: the most that the process had resident so far.
         compile_s: compilation of reset and step.
         error: the first line of why it does not fit.
@@ -101,6 +108,7 @@ class Row:
     host_peak_bytes: int | None
     compile_s: float
     error: str | None
+    device_bytes: int | None = None
 
 
 def measure(name: str, impl: str, n_worlds: int) -> Row:
@@ -115,7 +123,7 @@ def measure(name: str, impl: str, n_worlds: int) -> Row:
     size = sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
     needs: dict[str, Any] = {}
     pool_before, host_before = pool().get("peak_bytes_in_use", 0), host_peak()
-    used, error = None, None
+    used, whole, error = None, None, None
     try:
         reset = lowered.compile()
         action = jax.eval_shape(worlds.sample_action, jax.random.key(0))
@@ -128,7 +136,7 @@ def measure(name: str, impl: str, n_worlds: int) -> Row:
             states = step(states, worlds.sample_action(jax.random.key(i)))
         # Read, not only waited for: a device says only then that it failed.
         np.asarray(states.step)
-        used = device_used()
+        used, whole = device_memory()
     except (RuntimeError, MemoryError) as failure:
         if not is_out_of_memory(failure):
             raise
@@ -155,7 +163,18 @@ def measure(name: str, impl: str, n_worlds: int) -> Row:
         host_peak_bytes=host if host and host > (host_before or 0) else None,
         compile_s=round(compile_s, 1),
         error=error and error.splitlines()[0][:200],
+        device_bytes=whole,
     )
+
+
+def measure_alone(name: str, impl: str, n_worlds: int) -> Row:
+    """Measures a batch in a process of its own, which gives back all that it took."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "row.json"
+        command = record.command("memory", env=name, impl=impl, worlds=n_worlds, out=out, separate=False)
+        # This process leaves the pool to that one, which is to have all of it.
+        subprocess.run(command, check=True, env=os.environ | {"XLA_PYTHON_CLIENT_PREALLOCATE": "true"})
+        return Row(**json.loads(out.read_text())["rows"][0])
 
 
 def needed(program: Any) -> tuple[int, int] | tuple[None, None]:
@@ -173,21 +192,22 @@ def pool() -> dict[str, int]:
     return jax.local_devices()[0].memory_stats() or {}
 
 
-def device_used() -> int | None:
-    """Bytes taken on the first NVIDIA device by all that runs there; None where there is none."""
+def device_memory() -> tuple[int, int] | tuple[None, None]:
+    """Bytes taken on the first NVIDIA device by all that runs there, and all that it has; None where there is none."""
     if jax.default_backend() != "gpu":
-        return None
+        return None, None
     try:
         import warp
 
         device = warp.get_device("cuda:0")
-        return device.total_memory - device.free_memory
+        return device.total_memory - device.free_memory, device.total_memory
     except (ImportError, ValueError, RuntimeError):
-        query = ["nvidia-smi", "--id=0", "--query-gpu=memory.used", "--format=csv,noheader,nounits"]
+        query = ["nvidia-smi", "--id=0", "--query-gpu=memory.used,memory.total", "--format=csv,noheader,nounits"]
         try:
-            return int(subprocess.run(query, capture_output=True, check=True, text=True).stdout) * 2**20
+            told = subprocess.run(query, capture_output=True, check=True, text=True).stdout.split(",")
+            return int(told[0]) * 2**20, int(told[1]) * 2**20
         except (OSError, subprocess.CalledProcessError, ValueError):
-            return None
+            return None, None
 
 
 def host_peak() -> int | None:
@@ -196,27 +216,46 @@ def host_peak() -> int | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
-def estimate(rows: Sequence[Row], limit: int) -> int:
-    """How many worlds `limit` bytes are enough for, from what the programs of the two largest batches need.
+def estimate(rows: Sequence[Row]) -> int:
+    """How many worlds there is room for in JAX's pool and beside it, from what the two largest batches took.
 
     Raises:
-        RuntimeError: fewer than two batches, or programs that do not tell.
+        RuntimeError: fewer than two batches that grow, or a device that does not tell.
     """
-    needs = {row.worlds: max(row.reset_bytes or 0, row.step_bytes or 0) for row in rows if row.fits}
-    points = sorted(needs.items())[-2:]
-    if len(points) < 2 or points[0][1] >= points[1][1]:
-        raise RuntimeError(f"largest: got {points} worlds and bytes; takes two growing batches, measured before")
+    fitting = sorted((row for row in rows if row.fits), key=lambda row: row.worlds)[-2:]
+    if len(fitting) < 2 or fitting[1].pool_limit_bytes is None:
+        raise RuntimeError(
+            f"largest: got {len(fitting)} batches; takes two that fit, on a device that tells its memory"
+        )
+    room = _room(
+        [(row.worlds, max(row.reset_bytes or 0, row.step_bytes or 0)) for row in fitting], fitting[1].pool_limit_bytes
+    )
+    outside = [(row.worlds, row.outside_pool_bytes or 0) for row in fitting]
+    if fitting[1].device_bytes and outside[1][1] > outside[0][1]:
+        room = min(room, _room(outside, fitting[1].device_bytes - fitting[1].pool_limit_bytes))
+    return room
+
+
+def _room(points: list[tuple[int, int]], limit: int) -> int:
     (fewer, less), (more, most) = points
+    if less >= most:
+        raise RuntimeError(f"largest: got {points} worlds and bytes; takes two batches that grow")
     return int(more + (limit - most) / (most - less) * (more - fewer))
 
 
-def largest(name: str, impl: str, rows: Sequence[Row], most: int) -> Row:
-    """The largest power of two, up to the estimate and to `most`, that could be stepped."""
-    room = estimate(rows, pool()["bytes_limit"])
+def largest(rows: Sequence[Row], most: int, measured: Callable[[int], Row]) -> Row:
+    """The largest power of two, up to the estimate and to `most`, that could be stepped.
+
+    Args:
+        rows: of smaller batches.
+        most: worlds that are tried.
+        measured: the row of a batch size.
+    """
+    room = estimate(rows)
     too_large: list[int] = []
     n_worlds = min(most, 2 ** int(math.log2(max(room, 1))))
     while True:
-        row = replace(measure(name, impl, n_worlds), asked=LARGEST, estimate=room, too_large=too_large)
+        row = replace(measured(n_worlds), asked=LARGEST, estimate=room, too_large=too_large)
         if row.fits or n_worlds == 1:
             return row
         too_large.append(n_worlds)
@@ -242,11 +281,17 @@ def main(config: Config) -> None:
     for n_worlds in config.worlds:
         check_count("worlds", n_worlds, minimum=1)
     check_count("most", config.most, minimum=1)
+    # Where batches have processes of their own, this one takes nothing from them.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "true" if config.separate is False else "false")
+    separate = jax.default_backend() != "cpu" if config.separate is None else config.separate
     rows = record.resume(config.out, Row)
 
     def one(name: str, impl: str, asked: str) -> Row:
+        def measured(n_worlds: int) -> Row:
+            return (measure_alone if separate else measure)(name, impl, n_worlds)
+
         before = [row for row in rows if (row.env, row.impl) == (name, impl)]
-        row = largest(name, impl, before, config.most) if asked == LARGEST else measure(name, impl, int(asked))
+        row = largest(before, config.most, measured) if asked == LARGEST else measured(int(asked))
         rows.append(row)
         return row
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
@@ -32,6 +33,12 @@ def conditions() -> dict[str, Any]:
         "cpus": cores(),
         "packages": {name: _version(name) for name in PACKAGES},
     }
+
+
+def command(module: str, **options: Any) -> list[str]:
+    """What runs a benchmark in a process of its own."""
+    words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    return [sys.executable, "-m", f"maax_mjx.benchmarks.{module}", *words]
 
 
 def write(path: Path | None, config: Any, rows: Sequence[Any]) -> None:

@@ -223,8 +223,11 @@ class Worlds:
         except jax.errors.JaxRuntimeError as error:
             if not is_out_of_memory(error):
                 raise
+            # A program that calls Warp takes memory that JAX, which took most of it at its start, does not give.
+            warp = "leave Warp more of it (XLA_PYTHON_CLIENT_MEM_FRACTION=0.25 in the environment), "
             raise MemoryError(
                 f"Worlds: {self.shards.per_device} worlds do not fit into the memory of one "
-                f"{self.shards.devices[0].device_kind}; take fewer (n_worlds), more devices (devices='all'), or in a "
-                f"rollout fewer steps or less to keep ({str(error).splitlines()[0]})"
+                f"{self.shards.devices[0].device_kind}; take fewer (n_worlds), more devices (devices='all'), "
+                f"{warp if self.env.base.engine.impl == 'warp' else ''}or in a rollout fewer steps or less to keep "
+                f"({str(error).splitlines()[0]})"
             ) from error
