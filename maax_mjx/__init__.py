@@ -14,6 +14,7 @@ from maax_mjx.export import to_mjcf, world_of  # noqa: E402
 from maax_mjx.layout import (  # noqa: E402
     all_of,
     any_of,
+    at_placement,
     centre_placement,
     middle_placement,
     outside_quad_placement,
@@ -160,6 +161,7 @@ __all__ = [
     "Wrapper",
     "all_of",
     "any_of",
+    "at_placement",
     "centre_placement",
     "config_of",
     "jitted",

@@ -72,6 +72,19 @@ def test_centre_and_middle(batch_reset):
     assert np.ptp(xy["agents"], axis=0).min() > 1.8
 
 
+def test_at_a_point(batch_reset):
+    """The middle of each is within a cell of its point; one that would leave the floor has no place."""
+    points = [(1.31, 2.05), (4.9, 0.7), (3.0, 5.2)]
+    off = maax.at_placement(FLOOR - 0.05, 3.0)
+    env = make(maax.Boxes(1, off), maax.Agents(3, [maax.at_placement(*point) for point in points]))
+    xy, world = draw(env, batch_reset)
+    assert not world.valid.any()
+    env = make(maax.Boxes(1), maax.Agents(3, [maax.at_placement(*point) for point in points]))
+    xy, world = draw(env, batch_reset)
+    assert world.valid.all()
+    assert np.abs(xy["agents"] - np.array(points)).max() <= CELL
+
+
 def test_rooms_and_combinations(batch_reset):
     env = make(
         maax.Boxes(1, maax.any_of(maax.middle_placement(0.1), maax.room_placement(0))),
@@ -138,6 +151,7 @@ def test_a_function_of_ones_own(batch_reset):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        (lambda: maax.at_placement(0, 1), "x: got 0; takes a positive number"),
         (lambda: maax.middle_placement(0), "fraction: got 0; takes a number above 0, up to 1"),
         (lambda: maax.middle_placement(1.5), "fraction: got 1.5"),
         (lambda: maax.separation_placement(-1), "radius: got -1; takes a positive number"),

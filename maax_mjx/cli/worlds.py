@@ -27,7 +27,7 @@ class Sheet:
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; of several, every world draws one."""
     placement: tuple[str, ...] = ("uniform",)
-    """Where the agents go, each placement in worlds of its own: uniform, centre, quad, outside_quad,
+    """Where the agents go, each placement in worlds of its own: uniform, centre, quad, outside_quad, at:X:Y,
     middle:FRACTION, separation:RADIUS,
     proximity:RADIUS:OBJECT (such as proximity:1:box0), room:INDEX."""
     n: int = 12
@@ -92,6 +92,7 @@ def parse_placement(text: str) -> PlacementFn:
         "outside_quad": maax.outside_quad_placement,
     }
     made: dict[str, Callable[..., PlacementFn]] = {
+        "at": lambda x, y: maax.at_placement(float(x), float(y)),
         "middle": lambda fraction: maax.middle_placement(float(fraction)),
         "separation": lambda radius: maax.separation_placement(float(radius)),
         "proximity": lambda radius, to: maax.proximity_placement(float(radius), to),

@@ -5,6 +5,7 @@ from maax_mjx.layout.layout import Layout, PlacementFn
 from maax_mjx.layout.placement import (
     all_of,
     any_of,
+    at_placement,
     centre_placement,
     middle_placement,
     outside_quad_placement,
@@ -25,6 +26,7 @@ __all__ = [
     "RoomPlan",
     "all_of",
     "any_of",
+    "at_placement",
     "centre_placement",
     "middle_placement",
     "outside_quad_placement",

@@ -57,6 +57,21 @@ def centre_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     return within(layout.grid.size, cells, rect)
 
 
+def at_placement(x: float, y: float) -> PlacementFn:
+    """The object's middle at a point in metres, to the cell. There is no place where the object would leave the floor.
+
+    Raises:
+        ValueError: a coordinate that is not positive.
+    """
+    point = check_positive("x", x), check_positive("y", y)
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        corner = jnp.round(jnp.asarray(point) / layout.grid.cell - cells / 2).astype(jnp.int32)
+        return within(layout.grid.size, cells, jnp.concatenate([corner, corner + cells]))
+
+    return placement
+
+
 def middle_placement(fraction: float) -> PlacementFn:
     """In the central square whose edge is `fraction` of the floor's.
 
