@@ -129,7 +129,9 @@ def check_not_donated(states: Any) -> None:
 def check_key(name: str, key: Any) -> None:
     """A typed PRNG key."""
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        raw = hasattr(key, "dtype") and key.dtype == jnp.uint32
         got = f"an array of {key.dtype}" if hasattr(key, "dtype") else repr(key)
-        raise ValueError(f"{name}: got {got}; takes a typed key, jax.random.key(seed)")
+        wrapped = ", or of an old one jax.random.wrap_key_data(key)" if raw else ""
+        raise ValueError(f"{name}: got {got}; takes a typed key, jax.random.key(seed){wrapped}")
     if key.ndim:
         raise ValueError(f"{name}: got {key.shape[0]} keys; takes one key (use jax.vmap for a batch)")

@@ -6,6 +6,8 @@ import contextlib
 import io
 import os
 import platform
+import sys
+import warnings
 from functools import cache
 from hashlib import sha1
 from pathlib import Path
@@ -23,8 +25,22 @@ def guard_small_hosts() -> None:
     every pool thread idle, the executable waiting). XLA reads NPROC when its client starts; a value that the user
     set stays.
     """
-    if cores() <= FEW_CORES:
-        os.environ.setdefault("NPROC", XLA_CPU_THREADS)
+    if cores() > FEW_CORES or "NPROC" in os.environ:
+        return
+    os.environ["NPROC"] = XLA_CPU_THREADS
+    if _jax_runs():
+        warnings.warn(
+            f"JAX started before maax_mjx was imported, with {cores()} threads; with two jaxlib 0.10 hangs in large "
+            "programs. Import maax_mjx before libraries that compute when they are imported, or set NPROC=3 in the "
+            "environment",
+            stacklevel=3,
+        )
+
+
+def _jax_runs() -> bool:
+    """Whether JAX has started its backends."""
+    bridge = sys.modules.get("jax._src.xla_bridge")
+    return bridge is not None and getattr(bridge, "backends_are_initialized", lambda: False)()
 
 
 def cores() -> int:

@@ -52,7 +52,8 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) ->
         ValueError: naming the part of the action that is wrong.
     """
     if not isinstance(action, Mapping):
-        raise ValueError(f"action: got {type(action).__name__}; takes a dict with {sorted(space.spaces)}")
+        got = "an array" if isinstance(action, jax.Array) else type(action).__name__
+        raise ValueError(f"action: got {got}; takes a dict with {sorted(space.spaces)}")
     if set(action) != set(space.spaces):
         raise ValueError(f"action: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
     for name, sub in space.spaces.items():

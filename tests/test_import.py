@@ -6,7 +6,10 @@ import os
 import subprocess
 import sys
 
+import jax
 import pytest
+
+from maax_mjx import runtime
 
 CODE = """
 import sys, jax, maax_mjx as maax
@@ -37,3 +40,14 @@ def test_import_and_make(chosen, tmp_path):
     assert (
         folder == own["JAX_COMPILATION_CACHE_DIR"] if chosen else folder.startswith(str(tmp_path / "maax_mjx" / "xla-"))
     )
+
+
+@pytest.mark.parametrize(("cores", "chosen", "warns"), [(2, None, True), (2, "3", False), (16, None, False)])
+def test_small_hosts_on_which_jax_runs_already_are_warned(cores, chosen, warns, monkeypatch, recwarn):
+    jax.devices()
+    monkeypatch.setattr(runtime, "cores", lambda: cores)
+    monkeypatch.setenv("NPROC", chosen or "")
+    if chosen is None:
+        monkeypatch.delenv("NPROC")
+    runtime.guard_small_hosts()
+    assert bool([w for w in recwarn if "NPROC=3" in str(w.message)]) == warns
