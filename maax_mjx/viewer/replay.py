@@ -114,12 +114,17 @@ def replay(
     extent = places.max(axis=0)[:2] + edge
     with _server() as server:
         page = _Page(server, stage, place_camera(camera, extent, SHAPE_OF_PAGE, WORDS * edge), shadows)
+        moments = [
+            [stage.frame(state, row) for state, row in zip(states_now, returns, strict=True)]
+            for states_now, returns in zip(shown.states, shown.returns, strict=True)
+        ]
+        page.fill(moments, places)
         last = 0.0
-        for states_now, returns, time in zip(shown.states, shown.returns, shown.times / speed, strict=True):
+        for frames, time in zip(moments, shown.times / speed, strict=True):
             page.wait(float(time) - last)
             last = float(time)
-            for w, (state, row) in enumerate(zip(states_now, returns, strict=True)):
-                page.show(f"/world{w}", stage.frame(state, row), places[w])
+            for w, frame in enumerate(frames):
+                page.show(w, frame, places[w])
             page.next()
         # The last frame stays as long as the others before the page begins again.
         page.wait(last / max(len(shown.times) - 1, 1))
@@ -152,12 +157,13 @@ def _server() -> Iterator[Any]:
 
 
 class _Page:
-    """Writes frames into a viser scene: what is new is added, what moved is moved, what is gone is hidden."""
+    """Writes frames into a viser scene: what moved is moved, what is gone is hidden."""
 
     def __init__(self, server: Any, stage: Stage, camera: Camera, shadows: bool):
         self._scene, self._stage = server.scene, stage
         self._nodes: dict[Any, Any] = {}
         self._used: set[Any] = set()
+        self._filling = False
         start = server.initial_camera
         start.position, start.look_at, start.fov = tuple(camera.position), tuple(camera.lookat), np.radians(FOVY)
         start.up = (0.0, 0.0, 1.0)
@@ -178,8 +184,18 @@ class _Page:
             node.visible = key in self._used
         self._used = set()
 
-    def show(self, world: str, frame: Frame, offset: np.ndarray) -> None:
+    def fill(self, moments: list[list[Frame]], places: np.ndarray) -> None:
+        """Adds all that any frame shows, hidden: a browser takes long over what comes while it plays."""
+        self._filling = True
+        for frames in moments:
+            for w, frame in enumerate(frames):
+                self.show(w, frame, places[w])
+        self._filling, self._used = False, set()
+        self.next()
+
+    def show(self, w: int, frame: Frame, offset: np.ndarray) -> None:
         """Adds a world to a frame."""
+        world = f"/world{w}"
         self._show_floor(world, frame.floor_size, offset)
         for part in frame.parts:
             self._show_part(world, part, offset)
@@ -223,6 +239,8 @@ class _Page:
             self._nodes[key] = self._scene.add_line_segments(
                 self._name(key), points, as_bytes(line.rgba), thickness=line.width
             )
+        elif self._filling:
+            return
         elif points.shape != node.points.shape or np.abs(points - node.points).max() > STILL:
             node.points = points
         self._used.add(key)
@@ -236,7 +254,7 @@ class _Page:
             ),
             label.position + offset,
         )
-        if self._nodes[key].text != label.text:
+        if not self._filling and self._nodes[key].text != label.text:
             self._nodes[key].text = label.text
 
     def _place(self, key: Any, add: Any, position: np.ndarray, turn: np.ndarray | None = None) -> None:
@@ -246,6 +264,8 @@ class _Page:
         if node is None:
             node = self._nodes[key] = add(self._name(key))
             node.position, node.wxyz = position, turn
+        elif self._filling:
+            return
         if np.abs(node.position - position).max() > STILL:
             node.position = position.round(4)
         # A quaternion and its opposite are the same turn.
