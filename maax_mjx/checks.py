@@ -93,7 +93,8 @@ def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
     """A file to write: its ending is one of some, and its folder is there."""
     takes = f"a file that ends in {' or '.join(endings)}, in a folder that is there"
     if not isinstance(value, str | Path):
-        raise ValueError(f"{name}: got {value!r}; takes the name of {takes}")
+        got = repr(value) if value is None or isinstance(value, int | float) else type(value).__name__
+        raise ValueError(f"{name}: got {got}; takes the name of {takes}")
     path = Path(value)
     if path.suffix.lower() not in endings:
         raise ValueError(f"{name}: got {str(path)!r}; takes {takes}")

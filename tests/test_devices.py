@@ -59,9 +59,15 @@ def alone():
 
 @pytest.mark.parametrize("way", ["shard_map", "pmap", "processes"])
 def test_the_same_worlds_as_on_one_device(way, alone, tmp_path):
-    options = ["--processes", "2"] if way == "processes" else ["--method", way]
+    options = ["--processes", "2"] if way == "processes" else ["--method", way, "--folder", str(tmp_path / "run")]
     found, printed = finish(start(tmp_path, *options), tmp_path)
     devices, processes = (4, 2) if way == "processes" else (2, 1)
     assert f"{N_WORLDS} worlds on {devices} devices of {processes} process(es)" in printed
     assert found["shape"] == ([2, 2] if way == "pmap" else [N_WORLDS])
     np.testing.assert_allclose(np.reshape(found["qpos"], alone.shape), alone, atol=1e-5)
+    if way != "processes":
+        env = maax.make("standard", impl="jax", **{name: eval(value) for name, value in SMALL.items()})
+        params = {"push": np.zeros(3, np.float32)}
+        states, others = maax.Checkpoints(tmp_path / "run").restore(maax.Worlds(env, N_WORLDS), params=params)
+        np.testing.assert_array_equal(states.data.qpos, np.float32(np.reshape(found["qpos"], alone.shape)))
+        np.testing.assert_allclose(others["params"]["push"], [0.1 * ROUNDS, 0, 0], atol=1e-6)

@@ -34,7 +34,7 @@ def test_a_batch_is_exported_for_all_platforms(env_jax):
 
 def test_warp_without_its_library(monkeypatch):
     monkeypatch.setattr(select, "find_spec", lambda name: None)
-    with pytest.raises(maax.MissingLibraryError, match=r"impl: got 'warp'.*maax_mjx\[cuda\]"):
+    with pytest.raises(maax.MissingLibraryError, match=r"impl: got 'warp'.*\.\[cuda\]"):
         maax.make("standard", impl="warp")
 
 
@@ -61,5 +61,5 @@ def test_auto(monkeypatch, backend, version, warp, best):
 
 def test_c_is_refused_where_jax_computes_elsewhere(env_c, monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    with pytest.raises(RuntimeError, match=r"impl: got 'c' where JAX computes on gpu"):
+    with pytest.raises(ValueError, match=r"impl: got 'c' where JAX computes on gpu"):
         select.make_engine("c", env_c.model, env_c.overlay, 16, 0)

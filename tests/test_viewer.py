@@ -523,9 +523,9 @@ def seen_at(driver, seconds):
 def test_missing_libraries_are_named(env, recording, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "viser", None)
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(maax.MissingLibraryError, match=r'viser.*pip install "maax_mjx\[viewer\]"'):
+    with pytest.raises(maax.MissingLibraryError, match=r'viser.*pip install -e "\.\[viewer\]"'):
         maax.replay(env, recording)
-    with pytest.raises(maax.MissingLibraryError, match=r'PyAV.*pip install "maax_mjx\[viewer\]"'):
+    with pytest.raises(maax.MissingLibraryError, match=r'PyAV.*pip install -e "\.\[viewer\]"'):
         maax.video(env, recording, tmp_path / "a.mp4", view="plan")
 
 
@@ -568,6 +568,20 @@ WRONG = {
         lambda env, rec: maax.render(maax.make("tag", impl="c"), recording_frame(rec), lidar=True), "lidar: got True"
     ),
     "record worlds": (lambda env, rec: maax.record(env, None, None, 1), "worlds: got"),
+    "record swapped": (
+        lambda env, rec: maax.record(maax.Worlds(env, 2), lambda state, key: None, rec, 1), "states: got function"
+    ),
+    "record key": (
+        lambda env, rec: (w := maax.Worlds(env, 2)) and maax.record(w, w.reset(jax.random.key(0)), None, 1, key=0),
+        "key: got 0",
+    ),
+    "plan's camera": (
+        lambda env, rec: maax.render(env, recording_frame(rec), view="plan", camera="side"), "camera: got 'side'"
+    ),
+    "mixed": (
+        lambda env, rec: maax.replay(env, [jax.tree.map(lambda x: x[0], rec.states), recording_frame(rec)]),
+        "states: got states of different numbers of worlds",
+    ),
     "record policy": (
         lambda env, rec: (w := maax.Worlds(env, 2))
         and maax.record(w, w.reset(jax.random.key(0)), lambda state, key: None, 1),

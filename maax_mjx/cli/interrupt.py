@@ -8,6 +8,8 @@ import socket
 import sys
 import threading
 
+from maax_mjx.cli.whole import UNFINISHED
+
 EXIT_CODE = 130
 
 
@@ -49,11 +51,16 @@ class Interrupt:
             if self.asked or not self._keeps:
                 _leave()
             self.asked = True
-            _tell("interrupted: ends the step and writes what was done; Ctrl-C again leaves at once")
+            _tell(
+                "interrupted: ends the step and writes what was done, which takes some seconds; "
+                "Ctrl-C again leaves without the rest"
+            )
         self._ear.close()
 
 
 def _leave() -> None:
+    for part in list(UNFINISHED):
+        part.unlink(missing_ok=True)
     _tell("interrupted")
     sys.stdout.flush()
     # Without the end of Python, at which threads that still compile would crash.

@@ -13,6 +13,7 @@ from PIL import Image
 import maax_mjx as maax
 from maax_mjx.cli.options import names, report
 from maax_mjx.cli.saved import load
+from maax_mjx.cli.whole import whole
 from maax_mjx.viewer.render import VIEWS
 
 KINDS = (".html", ".mp4", ".gif", ".png")
@@ -49,6 +50,8 @@ def replay(args: Replay) -> None:
         ValueError: another ending, a file that is no rollout, or what the pictures refuse.
         MissingLibraryError: without what the kind of picture needs.
     """
+    if args.file.is_dir():
+        raise ValueError(f"file: got {args.file}, which is a folder; takes a rollout.npz of maax-mjx rollout")
     out = args.file.with_suffix(".html") if args.out is None else args.out
     kind = out.suffix.lower()
     if kind not in KINDS:
@@ -56,10 +59,8 @@ def replay(args: Replay) -> None:
     env, recording = load(args.file)
     worlds = list(args.worlds) or None
     out.parent.mkdir(parents=True, exist_ok=True)
-    # Written beside and moved, so that an interrupt leaves no half of a file.
-    part = out.with_name(f".{out.stem}.part{kind}")
     senses: Any = {"vision": args.vision, "lidar": args.lidar}
-    try:
+    with whole(out) as part:
         if kind == ".html":
             maax.replay(env, recording, part, worlds=worlds, speed=args.speed, **senses)
         elif kind == ".png":
@@ -69,9 +70,6 @@ def replay(args: Replay) -> None:
             Image.fromarray(picture).save(part)
         else:
             maax.video(env, recording, part, worlds=worlds, speed=args.speed, size=args.size, view=args.view, **senses)
-        part.replace(out)
-    finally:
-        part.unlink(missing_ok=True)
     n_frames, n_worlds = recording.states.step.shape
     n_bytes = out.stat().st_size
     result = {"file": str(out), "frames": n_frames, "worlds": len(worlds or range(n_worlds)), "bytes": n_bytes}

@@ -18,6 +18,7 @@ from maax_mjx.checks import check_count
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import make_env, names, report
 from maax_mjx.cli.saved import save
+from maax_mjx.cli.whole import whole
 from maax_mjx.env import Environment
 from maax_mjx.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
@@ -47,7 +48,7 @@ class Rollout:
     """The environment's name."""
     worlds: int = 256
     """Worlds stepped together, each in a layout of its own."""
-    steps: int = 500
+    steps: int = 1000
     """Env steps."""
     seed: int = 0
     """Of the worlds and the actions."""
@@ -87,7 +88,12 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
 
 def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
-    args.out.mkdir(parents=True, exist_ok=True)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"out: got {args.out}, where no folder can be made ({error.strerror}); takes another"
+        ) from None
     worlds = Worlds(env, args.worlds)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
     bar = tqdm(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
@@ -99,6 +105,7 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
     shown = list(range(args.show))
     every = max(1, round(1 / (FPS * env.base.dt)))
     frames, done, spent = [pick(states, shown)], 0, 0.0
+    bar.reset()
     bar.set_description_str(f"{args.worlds} worlds")
     interrupt.keep()
     with bar:
@@ -139,15 +146,19 @@ def _write(
     """Writes the files, the quick ones first."""
     out = args.out
     save(out / "rollout.npz", args.env, overrides, recording)
-    (out / "world.xml").write_text(maax.to_mjcf(env, states, world=0))
-    contact_sheet(env, first, out / "worlds.png", [f"world {i}" for i in range(len(first))])
+    with whole(out / "world.xml") as part:
+        part.write_text(maax.to_mjcf(env, states, world=0))
+    with whole(out / "worlds.png") as part:
+        contact_sheet(env, first, part, [f"world {i}" for i in range(len(first))])
     written = ["worlds.png", "rollout.npz", "world.xml"]
     try:
-        maax.replay(env, recording, out / "replay.html")
+        with whole(out / "replay.html") as part:
+            maax.replay(env, recording, part)
         written.append("replay.html")
     except maax.MissingLibraryError as error:
         tqdm.write(f"no replay.html: {error}")
-    maax.video(env, recording, out / "rollout.gif", worlds=0)
+    with whole(out / "rollout.gif") as part:
+        maax.video(env, recording, part, worlds=0)
     return [str(out / name) for name in [*written, "rollout.gif"]]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 import maax_mjx as maax
 from maax_mjx.cli.options import make_env
+from maax_mjx.cli.whole import whole
 from maax_mjx.env import Environment
 from maax_mjx.viewer import Recording
 from maax_mjx.viewer.film import lean
@@ -32,10 +33,9 @@ def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recordin
         recording: what was played.
     """
     meta = {"format": FORMAT, "maax_mjx": maax.__version__, "env": env, "overrides": dict(overrides)}
-    part = path.with_suffix(".part.npz")
     arrays: dict[str, Any] = {META: np.array(json.dumps(meta))} | _leaves(recording)
-    np.savez_compressed(part, **arrays)
-    part.replace(path)
+    with whole(path) as part:
+        np.savez_compressed(part, **arrays)
 
 
 def load(path: Path) -> tuple[Environment, Recording]:

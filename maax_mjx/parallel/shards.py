@@ -126,7 +126,8 @@ def _pick(devices: Devices) -> tuple[jax.Device, ...]:
         return tuple(jnp.zeros(()).devices())
     present = jax.devices()
     if isinstance(devices, str):
-        check_choice("devices", devices, ["all"])
+        if devices != "all":
+            raise ValueError(f"devices: got {devices!r}; takes None, 'all', a number, or a list of jax.Device")
         return tuple(present)
     if isinstance(devices, bool) or (isinstance(devices, int) and not 1 <= devices <= len(present)):
         raise ValueError(

@@ -90,6 +90,7 @@ class Worlds:
             MemoryError: more worlds than fit.
         """
         check_key("key", key)
+        stagger = check_bool("stagger", stagger)
         params = self.env.default_params if params is None else params
         with self._enough_memory():
             return self._reset(self.shards.share(key), self._per_world(params), self.shards.share(np.asarray(stagger)))

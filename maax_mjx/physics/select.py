@@ -29,7 +29,8 @@ def check_impl(impl: str) -> str:
         raise ValueError(f"impl: got {impl!r}; takes one of {IMPLS}")
     if impl == "warp" and not warp_is_installed():
         raise MissingLibraryError(
-            "impl: got 'warp' and warp-lang is not installed; pip install \"maax_mjx[cuda]\" brings it"
+            'impl: got \'warp\' and warp-lang is not installed; the extra "cuda" brings it, pip install -e ".[cuda]" '
+            "in a clone of maax_mjx"
         )
     return impl
 
@@ -42,14 +43,14 @@ def make_engine(
     "auto" is `warp` on NVIDIA where it is installed, `jax` on other accelerators, and `c` where JAX has only a CPU.
 
     Raises:
-        RuntimeError: `c` where JAX computes on an accelerator, whose memory its host code does not see.
+        ValueError: `c` where JAX computes on an accelerator, whose memory its host code does not see.
     """
     impl = check_impl(impl)
     if impl == "auto":
         impl = best_impl()
     if impl == "c":
         if jax.default_backend() != "cpu":
-            raise RuntimeError(
+            raise ValueError(
                 f"impl: got 'c' where JAX computes on {jax.default_backend()}; takes 'warp' or 'jax' there, "
                 "or set JAX_PLATFORMS=cpu before JAX starts"
             )

@@ -150,14 +150,15 @@ def _listed(states: Any, worlds: Picked) -> tuple[State, np.ndarray | None]:
             f"states: got {type(states).__name__}; takes a list of states, one state with a leading axis of time, or "
             "what maax.record gives"
         )
-    frames = []
+    frames, states = [], list(states)
     for state in states:
         if not isinstance(state, State):
             raise ValueError(f"states: got a list with {type(state).__name__}; takes states, as reset and step give")
         frames.append(pick(state, worlds))
     if not frames:
         raise ValueError("states: got an empty list; takes at least one state")
-    if len({frame[0].step.shape for frame in frames}) > 1:
+    alone = {not np.shape(state.step) for state in states}
+    if len(alone) > 1 or len({frame[0].step.shape for frame in frames}) > 1:
         raise ValueError("states: got states of different numbers of worlds; takes all of one batch")
     if any(frame[1] is None for frame in frames):
         frames = [(frame[0], None) for frame in frames]

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from maax_mjx.checks import check_count
+from maax_mjx.checks import check_count, check_key
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.parallel.rollout import Policy
 from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, pick
@@ -53,7 +53,10 @@ def record(
         chosen_worlds(show, worlds.n_worlds)
     except ValueError as error:
         raise ValueError(str(error).replace("worlds:", "show:", 1)) from None
+    if not isinstance(states, WorldsState):
+        raise ValueError(f"states: got {type(states).__name__}; takes what the worlds' reset, step or rollout gives")
     key = jax.random.key(0) if key is None else key
+    check_key("key", key)
     frames = [pick(states, show)]
     for i in range(-(-n_steps // every)):
         states, _ = worlds.rollout(states, policy, every, *args, key=jax.random.fold_in(key, i))

@@ -16,6 +16,7 @@ from maax_mjx.checks import check_choice, check_count, check_path, check_positiv
 from maax_mjx.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer.between import smooth
+from maax_mjx.viewer.camera import place_camera
 from maax_mjx.viewer.film import Film, Picked, film, one_time
 from maax_mjx.viewer.scene import Frame
 from maax_mjx.viewer.stage import Stage
@@ -66,7 +67,7 @@ def render(
         ValueError: an argument out of its range, a state of another environment, a sense that it does not have.
         MissingLibraryError: "3d" without OpenGL; the message says what brings it.
     """
-    _check(size, view)
+    _check(size, view, camera)
     stage = Stage(env, vision=vision, lidar=lidar)
     shown = one_time(env, state, worlds)
     with _drawing(stage, shown, size, camera, view) as draw:
@@ -114,7 +115,7 @@ def video(
     """
     path = check_path("path", path, (".mp4", ".gif"))
     kind = path.suffix.lower()
-    _check(size, view)
+    _check(size, view, camera)
     if kind == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise ValueError(f"size: got {size}; takes even numbers for an .mp4")
     speed = check_positive("speed", speed)
@@ -123,14 +124,16 @@ def video(
     shown = smooth(shown, _most(fps, kind) / speed)
     rate = _most(fps, kind) if fps is not None else min(_most(fps, kind), shown.rate * speed)
     write = _write_mp4 if kind == ".mp4" else _write_gif
-    moments = tqdm(_sampled(shown.times / speed, rate), path.name, unit="frame", delay=SOON, leave=False)
+    moments = tqdm(_sampled(shown.times / speed, rate), f"drawing {kind}", unit="frame", delay=SOON, leave=False)
     with _drawing(stage, shown, size, camera, view) as draw:
         write(path, (draw(_frames(stage, shown, i)) for i in moments), rate, size)
     return path
 
 
-def _check(size: Any, view: str) -> None:
+def _check(size: Any, view: str, camera: Any) -> None:
     check_choice("view", view, VIEWS)
+    # A plan has no camera, and is no reason to take one that there is not.
+    place_camera(camera, np.ones(2), (16, 16))
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise ValueError(f"size: got {size!r}; takes (width, height) in pixels")
     for value in size:
@@ -194,7 +197,7 @@ def _write_mp4(path: Path, pictures: Iterator[np.ndarray], rate: float, size: Si
     except ImportError as error:
         raise MissingLibraryError(
             f"path: got {str(path)!r} and PyAV is not installed ({error}); "
-            'pip install "maax_mjx[viewer]" brings it; a .gif needs none'
+            'the extra "viewer" brings it, pip install -e ".[viewer]" in a clone of maax_mjx; a .gif needs none'
         ) from error
     with av.open(str(path), "w") as file:
         stream = file.add_stream("libx264", rate=Fraction(rate).limit_denominator(10_000))

@@ -142,7 +142,8 @@ def _server() -> Iterator[Any]:
         import viser
     except ImportError as error:
         raise MissingLibraryError(
-            f'replay: needs viser, which is not installed ({error}); pip install "maax_mjx[viewer]" brings it'
+            f'replay: needs viser, which is not installed ({error}); the extra "viewer" brings it, pip install -e '
+            '".[viewer]" in a clone of maax_mjx'
         ) from error
     console = rich.get_console()
     before, console.quiet = console.quiet, True
