@@ -17,6 +17,7 @@ from maax_mjx.cli.options import MISTAKES, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
 from maax_mjx.cli.worlds import Sheet, sheet
+from maax_mjx.tasks import tasks
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
@@ -69,6 +70,8 @@ def run(argv: list[str]) -> None:
     if argv and not argv[0].startswith("-"):
         check_choice("command", argv[0], COMMANDS)
     argv, overrides = split_overrides(argv)
+    if argv[:1] in (["rollout"], ["info"]) and len(argv) > 1 and not argv[1].startswith("-"):
+        check_choice("env", argv[1], tasks())
     args = tyro.extras.subcommand_cli_from_dict(
         COMMANDS, args=argv, prog="maax-mjx", description=DESCRIPTION, config=(tyro.conf.OmitArgPrefixes,)
     )

@@ -89,7 +89,9 @@ class Checkpoints:
         """
         number = self.latest if number is None else number
         if number is None or number not in self._manager.all_steps():
-            raise FileNotFoundError(f"number: got {number}; {self.folder} has {sorted(self._manager.all_steps())}")
+            saved = sorted(self._manager.all_steps())
+            has = f"has the saves {saved}" if saved else "has no saves yet"
+            raise FileNotFoundError(f"number: got {number}, and {self.folder} {has}")
         like = worlds.states_shape
         wanted = _named(jax.eval_shape(_keyless, like))
         # Not the manager's: in another process than the one that saved it does not know what there is.
