@@ -145,9 +145,9 @@ MISTAKES = {
     "other group": (lambda: maax.make("hide_and_seek", lidar=GrabConfig()), ["takes a LidarConfig, or None"]),
     "config of another": (
         lambda: maax.make("tag", maax.config_of("standard")),
-        ["config: got StandardConfig(", "takes a TagConfig for 'tag'"],
+        ["config: got StandardConfig;", "takes a TagConfig for 'tag'"],
     ),
-    "config class": (lambda: maax.make("tag", TagConfig), ["config: got <class", "takes a TagConfig"]),
+    "config class": (lambda: maax.make("tag", TagConfig), ["config: got the class TagConfig", "takes a TagConfig"]),
     "observations": (lambda: maax.make("tag", observations="all"), ["observations: got 'all'", "takes one of"]),
     "observe": (lambda: maax.make("tag", observe="both"), ["observe: got 'both'", "'self', 'team'"]),
     "privileged split": (

@@ -114,7 +114,7 @@ def test_mistakes(changed, message, worlds, start):
 DEVICES = {
     "none": (dict(devices=0), "devices: got 0; takes None, 'all', or a number from 1 to 1"),
     "too many": (dict(devices=2), "devices: got 2; takes None, 'all', or a number from 1 to 1, as JAX has 1"),
-    "text": (dict(devices="some"), "devices: got 'some'; takes one of ['all']"),
+    "text": (dict(devices="some"), "devices: got 'some'; takes None, 'all', a number"),
     "list": (dict(devices=[0]), "takes None, 'all', a number, or a list of different jax.Device"),
     "method": (dict(method="vmap"), "method: got 'vmap'; takes one of ['jit', 'pmap', 'shard_map']"),
 }
@@ -172,7 +172,7 @@ def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
     after = [worlds.rollout(s, policy, T, jnp.float32(1.0), key=jax.random.key(1))[0] for s in (states, restored)]
     assert_same(*after)
     assert_same(again.restore(worlds, 2)[0], start)
-    with pytest.raises(FileNotFoundError, match=r"number: got 1; .* has the saves \[2, 5\]"):
+    with pytest.raises(FileNotFoundError, match=r"number: got 1, and .* has the saves \[2, 5\]"):
         again.restore(worlds, 1)
     with pytest.raises(ValueError, match="number: got 5; takes one greater than that of the latest save, 5"):
         again.save(5, worlds, states)

@@ -84,7 +84,8 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
     """
     defaults = config_of(name)
     if config is not None and not isinstance(config, type(defaults)):
-        raise ValueError(f"config: got {type(config).__name__}; takes a {type(defaults).__name__} for {name!r}")
+        got = f"the class {config.__name__}" if isinstance(config, type) else type(config).__name__
+        raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
     env = _TASKS[name].build(override(defaults if config is None else config, overrides, f"make({name!r})"))
     if not isinstance(env, Environment):
         raise ValueError(f"build: that of {name!r} gave {env!r}; takes a function from a config to an environment")
