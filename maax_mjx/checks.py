@@ -20,6 +20,11 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
+def described(value: Any) -> str:
+    """What a user gave, in short: states and environments have texts that are pages long."""
+    return repr(value) if value is None or isinstance(value, str | int | float) else type(value).__name__
+
+
 def check_count(name: str, value: Any, minimum: int = 0) -> int:
     """A whole number of at least `minimum`."""
     if not _is_number(value, int, np.integer) or value < minimum:
@@ -93,8 +98,7 @@ def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
     """A file to write: its ending is one of some, and its folder is there."""
     takes = f"a file that ends in {' or '.join(endings)}, in a folder that is there"
     if not isinstance(value, str | Path):
-        got = repr(value) if value is None or isinstance(value, int | float) else type(value).__name__
-        raise ValueError(f"{name}: got {got}; takes the name of {takes}")
+        raise ValueError(f"{name}: got {described(value)}; takes the name of {takes}")
     path = Path(value)
     if path.suffix.lower() not in endings:
         raise ValueError(f"{name}: got {str(path)!r}; takes {takes}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 from gymnasium import spaces
 
+from maax_mjx.checks import described
 from maax_mjx.params import DomainParams
 from maax_mjx.spaces import sample, space_of
 from maax_mjx.state import State
@@ -81,9 +82,7 @@ def check_environment(env: Any) -> Environment:
         ValueError: something else.
     """
     if not isinstance(env, Environment):
-        # A state, which is easily taken for an environment, has too long a text.
-        got = repr(env) if env is None or isinstance(env, str | int | float) else type(env).__name__
-        raise ValueError(f"env: got {got}; takes an environment, as maax.make(...) gives it")
+        raise ValueError(f"env: got {described(env)}; takes an environment, as maax.make(...) gives it")
     return env
 
 

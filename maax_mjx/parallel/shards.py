@@ -125,9 +125,7 @@ def _pick(devices: Devices) -> tuple[jax.Device, ...]:
         # Not merely the first one: users choose another by `jax.default_device`.
         return tuple(jnp.zeros(()).devices())
     present = jax.devices()
-    if isinstance(devices, str):
-        if devices != "all":
-            raise ValueError(f"devices: got {devices!r}; takes None, 'all', a number, or a list of jax.Device")
+    if isinstance(devices, str) and devices == "all":
         return tuple(present)
     if isinstance(devices, bool) or (isinstance(devices, int) and not 1 <= devices <= len(present)):
         raise ValueError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from maax_mjx.state import State
@@ -40,15 +42,13 @@ def between(before: State, after: State, share: float) -> State:
         return before
     a, b = before.data, after.data
 
-    def mixed(name: str) -> np.ndarray:
-        x, y = np.asarray(getattr(a, name)), np.asarray(getattr(b, name))
-        return x + (y - x) * np.asarray(share, x.dtype)
+    def mixed(x: Any, y: Any) -> np.ndarray:
+        return np.asarray(x + (y - x) * np.asarray(share, x.dtype))
 
     # The turn that is nearest to the mean of two matrices, and the mean of two quaternions of one sign.
-    u, _, v = np.linalg.svd(mixed("geom_xmat").reshape(-1, 3, 3))
-    x, y = np.asarray(a.xquat), np.asarray(b.xquat)
-    y = np.where((x * y).sum(axis=-1, keepdims=True) < 0, -y, y)
-    quat = x + (y - x) * np.asarray(share, x.dtype)
+    u, _, v = np.linalg.svd(mixed(a.geom_xmat, b.geom_xmat).reshape(-1, 3, 3))
+    opposite = (a.xquat * b.xquat).sum(axis=-1, keepdims=True) < 0
+    quat = mixed(a.xquat, np.where(opposite, -b.xquat, b.xquat))
     quat /= np.maximum(np.linalg.norm(quat, axis=-1, keepdims=True), 1e-9)
-    places = {name: mixed(name) for name in ("qpos", "xpos", "geom_xpos")}
+    places = {name: mixed(getattr(a, name), getattr(b, name)) for name in ("qpos", "xpos", "geom_xpos")}
     return before.replace(data=a.replace(geom_xmat=(u @ v).reshape(np.shape(a.geom_xmat)), xquat=quat, **places))

@@ -121,8 +121,9 @@ def video(
     speed = check_positive("speed", speed)
     stage = Stage(env, vision=vision, lidar=lidar)
     shown = film(env, states, worlds)
-    shown = smooth(shown, _most(fps, kind) / speed)
-    rate = _most(fps, kind) if fps is not None else min(_most(fps, kind), shown.rate * speed)
+    most = _most(fps, kind)
+    shown = smooth(shown, most / speed)
+    rate = most if fps is not None else min(most, shown.rate * speed)
     write = _write_mp4 if kind == ".mp4" else _write_gif
     moments = tqdm(_sampled(shown.times / speed, rate), f"drawing {kind}", unit="frame", delay=SOON, leave=False)
     with _drawing(stage, shown, size, camera, view) as draw:
