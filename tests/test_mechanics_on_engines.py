@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
@@ -28,7 +29,7 @@ def test_locks_and_holds(impl):
     agent, box = base.agents.qpos_ids[0], base.modules["boxes"].qpos_ids[0]
     qpos = state.data.qpos.at[agent[:2]].set(jnp.array([2.5, 3.0])).at[box[:2]].set(jnp.array([2.93, 3.0]))
     state = state.replace(data=base.engine.pose(state.world, state.data.replace(qpos=qpos)))
-    moves = jnp.repeat(jnp.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.5, 0.5, 0]]), 30, axis=0)
+    moves = jnp.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.3, 0.3, 1]]).repeat(30, axis=0)
 
     @jax.jit
     def carry(state):
@@ -49,6 +50,18 @@ def test_locks_and_holds(impl):
     assert np.ptp(np.asarray(way), axis=0).max() > 0.5
     assert np.median(error) < 15, "mm"
     assert error.max() < 100, "mm"
+
+    # One step on, it is where MuJoCo has it: agent and box turn about each other, which a connect has to make up for.
+    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, state))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    data.ctrl[:] = state.data.ctrl
+    assert abs(data.qvel[base.agents.qvel_ids[0][3]]) > 2, "rad/s"
+    assert data.eq_active.any()
+    mujoco.mj_step(model, data)
+    after, _ = base.engine.advance(state.world, state.data, 1)
+    assert np.abs(np.asarray(after.qpos) - data.qpos).max() < 1e-5
 
     body = base.modules["boxes"].body_ids[0]
     force = state.data.xfrc_applied.at[body].set(jnp.array([0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]))

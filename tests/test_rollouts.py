@@ -139,14 +139,20 @@ def test_several_devices_on_c_need_threads(env, monkeypatch):
     ("impl", "told"),
     [
         ("jax", "RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes."),
-        ("warp", "INTERNAL: CustomCall failed: Failed to allocate 9 bytes."),
+        ("warp", "UNKNOWN: FFI callback error: RuntimeError: Failed to allocate 9 bytes."),
     ],
 )
-def test_too_much_for_the_memory(env, start, monkeypatch, impl, told):
+@pytest.mark.parametrize("late", [False, True], ids=["called", "ran"])
+def test_too_much_for_the_memory(env, start, monkeypatch, impl, told, late):
+    """Accelerators run what they are called for later, and raise in what waits for it."""
     worlds = maax.Worlds(env, N, donate=False)
 
+    class Promised:
+        def block_until_ready(self):
+            raise jax.errors.JaxRuntimeError(f"{told}\nmore")
+
     def fails(*_):
-        raise jax.errors.JaxRuntimeError(f"{told}\nmore")
+        return Promised() if late else Promised().block_until_ready()
 
     monkeypatch.setattr(worlds, "_step", fails)
     monkeypatch.setattr(type(env.engine), "impl", impl)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import Any
+from weakref import WeakSet
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_bool, check_count, check_key, check_not_donated
+from maax_mjx.checks import check_bool, check_count, check_key, check_not_donated, is_traced
 from maax_mjx.env import Environment, check_environment
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.rollout import Policy, check_keep, unroll
@@ -74,6 +74,7 @@ class Worlds:
         self._sample = compiled(self._sample_fn, (None,), options=once)
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
+        self._fitting: WeakSet[Callable] = WeakSet()
 
     def reset(self, key: jax.Array, params: DomainParams | None = None, *, stagger: bool = False) -> WorldsState:
         """Draws all worlds.
@@ -92,8 +93,8 @@ class Worlds:
         check_key("key", key)
         stagger = check_bool("stagger", stagger)
         params = self.env.default_params if params is None else params
-        with self._enough_memory():
-            return self._reset(self.shards.share(key), self._per_world(params), self.shards.share(np.asarray(stagger)))
+        shared = self.shards.share(key), self._per_world(params), self.shards.share(np.asarray(stagger))
+        return self._run(self._reset, *shared)
 
     def step(self, states: WorldsState, action: Any) -> WorldsState:
         """Advances every world by one env step, and starts the next episode where one ended.
@@ -109,8 +110,7 @@ class Worlds:
         """
         self._check_states(states)
         check_action(self.env.action_space, action, self.shape)
-        with self._enough_memory():
-            return self._step(states, action)
+        return self._run(self._step, states, action)
 
     def rollout(
         self,
@@ -151,8 +151,7 @@ class Worlds:
             raise ValueError(f"policy: got {policy!r}; takes a function of (state, key, *args)")
         key = jax.random.key(0) if key is None else key
         check_key("key", key)
-        with self._enough_memory():
-            return self._rollout(policy, n_steps, check_keep(keep))(states, self.shards.share(key), args)
+        return self._run(self._rollout(policy, n_steps, check_keep(keep)), states, self.shards.share(key), args)
 
     def with_params(self, states: WorldsState, params: DomainParams) -> WorldsState:
         """The states with other ranges, which hold from every world's next episode on; nothing is compiled anew.
@@ -217,10 +216,14 @@ class Worlds:
             raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")
         check_not_donated(states.step)
 
-    @contextmanager
-    def _enough_memory(self) -> Iterator[None]:
+    def _run(self, program: Callable, *args: Any) -> Any:
+        """Runs a compiled program, and waits for its first run: only then do accelerators say what does not fit."""
         try:
-            yield
+            results = program(*args)
+            if program not in self._fitting and not is_traced(results):
+                jax.block_until_ready(results)
+                self._fitting.add(program)
+            return results
         except jax.errors.JaxRuntimeError as error:
             if not is_out_of_memory(error):
                 raise

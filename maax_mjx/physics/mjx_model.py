@@ -74,6 +74,13 @@ class MjxModel:
         d = mjx.kinematics(self.overlay(world.fields), self.data(state_of(data)))
         return data.replace(xpos=d.xpos, xquat=d.xquat, geom_xpos=d.geom_xpos, geom_xmat=d.geom_xmat)
 
+    def velocities(self, world: World, data: Data) -> dict[str, jax.Array]:
+        """The spatial motion of bodies and joints (`cvel`, `cdof_dot`) that belongs to the state's qpos and qvel."""
+        model, d = self.overlay(world.fields), self.data(state_of(data))
+        for stage in (mjx.kinematics, mjx.com_pos, mjx.com_vel):
+            d = stage(model, d)
+        return {"cvel": d.cvel, "cdof_dot": d.cdof_dot}
+
     def rest(self, qpos: jax.Array) -> Data:
         """The state at rest in a configuration (nq,), all forces and controls zero; poses are not computed."""
         d = jax.tree.map(jnp.asarray, self._data)

@@ -20,6 +20,14 @@ CONTACTS_LOST = int(
 ROWS_PER_CONTACT = 4
 ROWS_PER_EQUALITY = 6
 
+CONTACTS_PER_CONVEX_PAIR = 4
+"""Boxes, ramps and hulls mostly touch in four points, and the floor, which has most of all points, is no convex pair.
+In hostile play a world of M has 2 such pairs of one kind at most, of the 31 / 4 that this makes; `hide_and_seek_full`
+has 6, of 90 / 4. Warp's scratch for a pair, 5 kB, is nearly all the memory that it takes."""
+
+MIN_CONVEX_PAIRS = 64
+"""Few worlds have room for as many pairs as contacts: they cannot lean on each other's."""
+
 
 class WarpEngine(MjxEngine):
     """Steps all worlds of a device together; their contacts share one buffer.
@@ -46,6 +54,7 @@ class WarpEngine(MjxEngine):
             self._model = put_on_host(mjx.put_model(model, device=device, impl="warp"))
             data = mjx.make_data(model, device=device, impl="warp", naconmax=contacts_per_world, njmax=rows)
             self._data = put_on_host(data)
+        self._holds_points = bool(np.isin(model.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)).any())
         # Overflow would be printed from the device; `step` reports it.
         self._model = self._model.tree_replace({"opt._impl.warn_overflow": 0})
 
@@ -82,14 +91,25 @@ class WarpEngine(MjxEngine):
             for name in impl.__dataclass_fields__
             if name.startswith("contact__") and np.size(getattr(impl, name))
         }
-        impl = impl.replace(naconmax=size, naccdmax=size, **contacts)
+        pairs = min(size, max(MIN_CONVEX_PAIRS, size // CONTACTS_PER_CONVEX_PAIR))
+        impl = impl.replace(naconmax=size, naccdmax=pairs, **contacts)
         # Poses of geoms on the world body are computed by make_data alone, where the overlay is not known yet.
         return template.replace(_impl=impl, **state_of(data), geom_xpos=data.geom_xpos, geom_xmat=data.geom_xmat)
 
     def _frames(self, n_worlds: int, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         model = self.mjx_model(world.fields)
-        d, overflow = self.mjx_data(data, n_worlds), jnp.zeros((), bool)
-        for _ in range(n_frames):
-            d = self.mjx_step(model, d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int))))
-            overflow |= (d._impl.overflow & CONTACTS_LOST) != 0
-        return data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart), overflow
+
+        # Warp keeps a graph, with the memory that it needs, for each of its calls in a program: a loop has one.
+        def frame(data: Data, _: None) -> tuple[Data, jax.Array]:
+            d = self.mjx_data(data, n_worlds)
+            if self._holds_points:
+                # What Warp's connects and welds take the acceleration of turning points from, it computes after them.
+                d = d.replace(**self.mjx.velocities(world, data))
+            d = self.mjx_step(model, d)
+            moved = data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart)
+            return moved, (d._impl.overflow & CONTACTS_LOST) != 0
+
+        if n_frames == 1:
+            return frame(data, None)
+        data, overflow = jax.lax.scan(frame, data, length=n_frames)
+        return data, overflow.any()
