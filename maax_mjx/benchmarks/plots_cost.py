@@ -19,10 +19,13 @@ def breakdown(figure: Figure, rows: list[Row]) -> None:
     worlds_frames = [row["worlds"] * row["n_frames"] for row in rows]
     bottom = [0.0] * len(rows)
     parts = [part for part in rows[0]["parts_us"] if any(row["parts_us"][part] for row in rows)]
-    colours = dict(zip([part for part in parts if part != IDLE], [*COLOURS, "#f0e442", "#8c564b"], strict=False))
+    seen = [part for part in parts if part != IDLE]
+    colours = dict(zip(seen, [*COLOURS, "#f0e442", "#8c564b", "#555555"], strict=False))
     for part in parts:
         shares = [row["parts_us"][part] / row["traced_us"] for row in rows]
-        ax.bar(names, shares, 0.6, bottom, color=colours.get(part, GREY), label=part)
+        ax.bar(
+            names, shares, 0.6, bottom, color=colours.get(part, GREY), label="idle or unseen" if part == IDLE else part
+        )
         bottom = [low + share for low, share in zip(bottom, shares, strict=True)]
     for i, (row, n) in enumerate(zip(rows, worlds_frames, strict=True)):
         ax.text(i, 1.01, f"{row['step_us']:,.0f} us\n{1e3 * row['step_us'] / n:,.0f} ns", ha="center", fontsize=8)
@@ -76,24 +79,22 @@ def memory(figure: Figure, rows: list[Row]) -> None:
         "outside_pool_bytes": "on the device outside the pool",
         "host_peak_bytes": "the process on the host, peak",
     }
-    envs, impls = (list(dict.fromkeys(row[name] for row in rows)) for name in ("env", "impl"))
-    axes = panels(figure, len(impls), len(envs))
-    for impl, line in zip(impls, axes, strict=True):
-        for env, ax in zip(envs, line, strict=True):
-            own = sorted(
-                (row for row in rows if (row["env"], row["impl"]) == (env, impl) and row["fits"]),
-                key=lambda row: row["worlds"],
-            )
-            lines = {"states": [(row["worlds"], row["state_bytes_per_world"] * row["worlds"] / MB) for row in own]}
-            for name, label in takes.items():
-                lines[label] = [(row["worlds"], row[name] / MB) for row in own if row[name] is not None]
-            plot(ax, {label: points or [(float("nan"),) * 2] for label, points in lines.items()}, "worlds", "MB")
-            ax.set_xscale("log", base=2)
-            for limit in {row["pool_limit_bytes"] for row in own if row["pool_limit_bytes"]}:
-                ax.axhline(limit / MB, color="#555555", linewidth=0.8, linestyle="--")
-            biggest = [f"{row['worlds']:,} worlds fit" for row in own if row["asked"] == "largest"]
-            each = f"{own[-1]['state_bytes_per_world'] / 1e3:.1f} kB a world's state" if own else "nothing fitted"
-            ax.set_title(", ".join([f"{env}, {impl}: {each}", *biggest]), fontsize=9)
+    batches = list(dict.fromkeys((row["env"], row["impl"]) for row in rows))
+    for (env, impl), ax in zip(batches, panels(figure, 1, len(batches))[0], strict=True):
+        own = sorted(
+            (row for row in rows if (row["env"], row["impl"]) == (env, impl) and row["fits"]),
+            key=lambda row: row["worlds"],
+        )
+        lines = {"states": [(row["worlds"], row["state_bytes_per_world"] * row["worlds"] / MB) for row in own]}
+        for name, label in takes.items():
+            lines[label] = [(row["worlds"], row[name] / MB) for row in own if row[name] is not None]
+        plot(ax, {label: points or [(float("nan"),) * 2] for label, points in lines.items()}, "worlds", "MB")
+        ax.set_xscale("log", base=2)
+        for limit in {row["pool_limit_bytes"] for row in own if row["pool_limit_bytes"]}:
+            ax.axhline(limit / MB, color="#555555", linewidth=0.8, linestyle="--")
+        biggest = [f"{row['worlds']:,} worlds fit" for row in own if row["asked"] == "largest"]
+        each = f"{own[-1]['state_bytes_per_world'] / 1e3:.1f} kB a world's state" if own else "nothing fitted"
+        ax.set_title("\n".join([f"{env}, {impl}: {each}", *biggest]), fontsize=9)
     legend(figure, 3)
 
 
