@@ -11,6 +11,8 @@ import mujoco
 import numpy as np
 from mujoco import mjx
 
+from maax_mjx.physics.connects import centripetal
+
 POINTS = np.array([0, 1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 7 / 8, 1, 3 / 2, 2, 3, 4, 8, 16])
 """Step lengths that a line search looks at first."""
 PARTS = np.linspace(0, 1, 18)[1:-1]
@@ -62,48 +64,11 @@ def applies(model: mujoco.MjModel) -> bool:
 
 def step(m: mjx.Model, d: mjx.Data) -> mjx.Data:
     """`mjx.step` without sensors, with `solve` for `mjx.solve`, and connects as MuJoCo has them."""
-    for stage in (mjx.fwd_position, mjx.fwd_velocity, turned, mjx.fwd_actuation, mjx.fwd_acceleration):
+    for stage in (mjx.fwd_position, mjx.fwd_velocity, centripetal, mjx.fwd_actuation, mjx.fwd_acceleration):
         d = stage(m, d)
     with jax.named_scope("solve"):
         d = solve(m, d) if d._impl.efc_J.size else d.replace(qacc=d.qacc_smooth)
     return mjx.euler(m, d)
-
-
-def turned(m: mjx.Model, d: mjx.Data) -> mjx.Data:
-    """Gives connects the acceleration that their points have since they turn with their bodies, which MJX leaves out.
-
-    A connect asks for an acceleration of one point relative to another. Some of it is there without any of the joints':
-    the centripetal one, v^2 / r (the time derivative of the Jacobian, times velocity).
-    """
-    connects = np.nonzero(m.eq_type == mujoco.mjtEq.mjEQ_CONNECT)[0]
-    of_bodies = m.eq_objtype[connects] == mujoco.mjtObj.mjOBJ_BODY
-    ids, off = connects[of_bodies], mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    if not ids.size or m.opt.disableflags & off:
-        return d
-    spatial = _moved_by(m) @ (d.cdof_dot * d.qvel[:, None])
-
-    def accelerations(bodies: np.ndarray, anchors: jax.Array) -> jax.Array:
-        points = d.xpos[bodies] + jnp.einsum("nij,nj->ni", d.xmat[bodies], anchors)
-        offset = points - d.subtree_com[m.body_rootid[bodies]]
-        turn, velocity = d.cvel[bodies, :3], d.cvel[bodies, 3:]
-        own = spatial[bodies, 3:] + jnp.cross(spatial[bodies, :3], offset)
-        return own + jnp.cross(turn, velocity + jnp.cross(turn, offset))
-
-    relative = accelerations(m.eq_obj1id[ids], m.eq_data[ids, :3]) - accelerations(
-        m.eq_obj2id[ids], m.eq_data[ids, 3:6]
-    )
-    # The first rows are those of the connects, three of each.
-    rows = 3 * np.nonzero(of_bodies)[0][:, None] + np.arange(3)
-    reference = d._impl.efc_aref.at[rows].add(-relative * d.eq_active[ids].astype(relative.dtype)[:, None])
-    return d.tree_replace({"_impl.efc_aref": reference})
-
-
-def _moved_by(m: mjx.Model) -> np.ndarray:
-    """(nbody, nv): whether a body is moved by a degree of freedom."""
-    moved = np.zeros((m.nbody, m.nv), np.float32)
-    for body in range(1, m.nbody):
-        moved[body] = moved[m.body_parentid[body]] + (m.dof_bodyid == body)
-    return moved
 
 
 def solve(m: mjx.Model, d: mjx.Data) -> mjx.Data:
