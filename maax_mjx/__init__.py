@@ -1,10 +1,9 @@
 """maax_mjx: multi-agent reinforcement learning in procedurally generated worlds, on MuJoCo MJX."""
 
-from maax_mjx.runtime import guard_small_hosts, import_mjx, keep_compiled_programs
+from maax_mjx.runtime import guard_small_hosts, keep_compiled_programs
 
 guard_small_hosts()
 keep_compiled_programs()
-import_mjx()
 
 from maax_mjx import testing  # noqa: E402
 from maax_mjx.base import Base  # noqa: E402

@@ -18,7 +18,9 @@ env = maax.make("standard")
 env.model
 assert not xla_bridge.backends_are_initialized(), "a JAX backend was initialised"
 assert not {"matplotlib", "viser", "av"} & set(sys.modules), "what only pictures need was imported"
+assert not {"mujoco.mjx", "warp", "orbax.checkpoint"} & set(sys.modules), "what takes seconds was imported"
 print(jax.config.jax_compilation_cache_dir, file=sys.stderr)
+maax.make("standard", impl="c").engine
 """
 
 
@@ -34,7 +36,7 @@ def python(code, **variables):
 
 @pytest.mark.parametrize("chosen", [False, True])
 def test_import_and_make(chosen, tmp_path):
-    """They initialise no backend, print nothing, and have compiled programs kept where the user says."""
+    """They initialise no backend, print nothing, are quick, and have programs kept where the user says."""
     own = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "own")} if chosen else {}
     folder = python(CODE, XDG_CACHE_HOME=str(tmp_path), **own)
     assert (

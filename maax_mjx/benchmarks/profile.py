@@ -9,18 +9,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import jax
 import jax.numpy as jnp
 import tyro
-from mujoco import mjx
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.step import draw_actions, mjx_roll
 from maax_mjx.benchmarks.traces import attribute, shares_of, trace
 from maax_mjx.checks import check_choice
-from maax_mjx.physics.engine import MjxEngine
+
+if TYPE_CHECKING:
+    from maax_mjx.physics.mjx_engine import MjxEngine
 
 STAGES = ("fwd_position", "fwd_velocity", "fwd_actuation", "fwd_acceleration", "solve", "euler")
 LINES, FACTOR, REST = "solve: line searches", "solve: factorisation", "the rest"
@@ -79,10 +81,13 @@ class Row:
 def measure(n_worlds: int, contacts: int, solver: str, config: Config) -> Row:
     """Times and traces held actions."""
     env = maax.make("standard", impl="jax", contacts_per_world=contacts or None).base
-    assert isinstance(env.engine, MjxEngine)
+    engine = cast("MjxEngine", env.engine)
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), n_worlds))
-    advance = mjx.step if solver == "mjx" else env.engine.mjx_step
-    start, roll = mjx_roll(env.engine, env.agents.ctrl_ids.reshape(-1), advance=advance)
+    # The engine has imported it, and without what it prints.
+    from mujoco import mjx
+
+    advance = mjx.step if solver == "mjx" else engine.mjx_step
+    start, roll = mjx_roll(engine, env.agents.ctrl_ids.reshape(-1), advance=advance)
     actions, turn = draw_actions(env, n_worlds, config.held), jnp.arange(config.traced)
     data = start(states.world.fields, states.data)
     begun = time.perf_counter()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,6 @@ import mujoco
 import numpy as np
 import tyro
 from gymnasium import spaces
-from mujoco import mjx
 from mujoco.batch import Batch
 from tqdm import tqdm
 
@@ -32,9 +31,13 @@ from maax_mjx.env import Environment
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import Data, Fields
 from maax_mjx.physics.c_engine import CEngine
-from maax_mjx.physics.engine import MjxEngine
 from maax_mjx.state import State
 from maax_mjx.wrappers.actions import to_bins
+
+if TYPE_CHECKING:
+    from mujoco import mjx
+
+    from maax_mjx.physics.mjx_engine import MjxEngine
 
 ROUNDS = 8
 DISTINCT = 16
@@ -150,9 +153,7 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
         return lambda states: c_batch(env, engine.c_model, states), c_roll(ids, env.n_frames)
-    if not isinstance(engine, MjxEngine):
-        raise ValueError(f"impl: got {engine.impl!r}; takes c, jax or warp")
-    start, roll = mjx_roll(engine, ids, env.n_frames)
+    start, roll = mjx_roll(cast("MjxEngine", engine), ids, env.n_frames)
     return lambda states: start(states.world.fields, states.data), roll
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import orbax.checkpoint as ocp
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
@@ -37,10 +36,14 @@ class Checkpoints:
     """
 
     def __init__(self, folder: str | Path, keep: int = 2):
+        # Takes half a second, which runs without saves need not wait for.
+        import orbax.checkpoint as ocp
+
         keep = check_count("keep", keep, minimum=1)
         # Not in the background: on a CPU the next step would write into the memory that is being saved.
         options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
         self.folder = Path(folder).absolute()
+        self._orbax = ocp
         self._manager = ocp.CheckpointManager(self.folder, options=options)
 
     @property
@@ -69,7 +72,8 @@ class Checkpoints:
         check_not_donated(states.step)
         flat = {name: worlds.flat(x) for name, x in _named(_keyless(states)).items()}
         trees = {STATES: flat, **_boxed(others)}
-        self._manager.save(number, args=ocp.args.Composite(**{k: ocp.args.StandardSave(v) for k, v in trees.items()}))
+        args = self._orbax.args
+        self._manager.save(number, args=args.Composite(**{k: args.StandardSave(v) for k, v in trees.items()}))
 
     def restore(self, worlds: Worlds, number: int | None = None, **others: Any) -> tuple[WorldsState, dict[str, Any]]:
         """Reads a save.
@@ -95,11 +99,13 @@ class Checkpoints:
         like = worlds.states_shape
         wanted = _named(jax.eval_shape(_keyless, like))
         # Not the manager's: in another process than the one that saved it does not know what there is.
-        metadata = ocp.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
+        metadata = self._orbax.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
         self._check_same(wanted, metadata.item_metadata.tree)
         spread = {name: _target(worlds, x) for name, x in wanted.items()}
         trees = {STATES: spread, **_boxed(others)}
-        args = ocp.args.Composite(**{name: ocp.args.StandardRestore(tree) for name, tree in trees.items()})
+        args = self._orbax.args.Composite(
+            **{name: self._orbax.args.StandardRestore(tree) for name, tree in trees.items()}
+        )
         found = self._manager.restore(number, args=args)
 
         def leaf(path: Any, x: Any) -> Any:

@@ -9,12 +9,10 @@ from typing import Any, ClassVar
 import jax
 import mujoco
 import numpy as np
-from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.gradients import not_differentiable
-from maax_mjx.physics.mjx_model import MjxModel
-from maax_mjx.physics.world import Fields, Overlay, World
+from maax_mjx.physics.world import Overlay, World
 
 STATE = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "xfrc_applied")
 """The fields of `Data` that a step starts from, besides `eq_active`."""
@@ -31,6 +29,9 @@ class Engine(ABC):
     impl: ClassVar[str]
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
+        # MJX takes seconds to import, and only engines need it.
+        from maax_mjx.physics.mjx_model import MjxModel
+
         self.overlay = overlay
         self.mjx = MjxModel(self._mjx_source(model), overlay)
         # Compiled even where an env step is called eagerly: MJX alone has thousands of operations.
@@ -91,19 +92,3 @@ class Engine(ABC):
     def _differentiable_step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         message = f"impl={self.impl!r} has no derivatives; make the environment with impl='jax'"
         return not_differentiable(lambda world, data: self.step(world, data, n_frames), message)(world, data)
-
-
-class MjxEngine(Engine):
-    """An engine whose step is `mjx.step`, or does what it does."""
-
-    def mjx_step(self, model: mjx.Model, data: mjx.Data) -> mjx.Data:
-        """A physics step of one world, without what an environment needs of it."""
-        return mjx.step(model, data)
-
-    @abstractmethod
-    def mjx_model(self, fields: Fields) -> mjx.Model:
-        """The mjx.Model of one world."""
-
-    @abstractmethod
-    def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
-        """The mjx.Data of one world, in a batch of `n_worlds` on its device."""

@@ -10,8 +10,8 @@ from mujoco import mjx
 
 from maax_mjx.physics import newton
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.engine import MjxEngine
 from maax_mjx.physics.gradients import with_jacobian
+from maax_mjx.physics.mjx_engine import MjxEngine
 from maax_mjx.physics.mjx_model import state_of
 from maax_mjx.physics.world import Fields, Overlay, World
 

@@ -9,6 +9,7 @@ import mujoco
 
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.world import Overlay
+from maax_mjx.runtime import import_mjx
 
 
 class MissingLibraryError(RuntimeError):
@@ -48,12 +49,13 @@ def make_engine(
     impl = check_impl(impl)
     if impl == "auto":
         impl = best_impl()
+    if impl == "c" and jax.default_backend() != "cpu":
+        raise ValueError(
+            f"impl: got 'c' where JAX computes on {jax.default_backend()}; takes 'warp' or 'jax' there, "
+            "or set JAX_PLATFORMS=cpu before JAX starts"
+        )
+    import_mjx()
     if impl == "c":
-        if jax.default_backend() != "cpu":
-            raise ValueError(
-                f"impl: got 'c' where JAX computes on {jax.default_backend()}; takes 'warp' or 'jax' there, "
-                "or set JAX_PLATFORMS=cpu before JAX starts"
-            )
         from maax_mjx.physics.c_engine import CEngine
 
         return CEngine(model, overlay)

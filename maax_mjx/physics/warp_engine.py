@@ -10,7 +10,7 @@ from mujoco import mjx
 from mujoco.mjx.third_party.mujoco_warp import OverflowType
 
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.engine import MjxEngine
+from maax_mjx.physics.mjx_engine import MjxEngine
 from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of
 from maax_mjx.physics.world import Fields, Overlay, World
 
