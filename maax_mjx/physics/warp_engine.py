@@ -99,17 +99,18 @@ class WarpEngine(MjxEngine):
     def _frames(self, n_worlds: int, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         model = self.mjx_model(world.fields)
 
-        # Warp keeps a graph, with the memory that it needs, for each of its calls in a program: a loop has one.
-        def frame(data: Data, _: None) -> tuple[Data, jax.Array]:
-            d = self.mjx_data(data, n_worlds)
+        def state(d: mjx.Data) -> Data:
+            return data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart)
+
+        def frame(d: mjx.Data, _: None) -> tuple[mjx.Data, jax.Array]:
+            d = d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int)))
             if self._holds_points:
                 # What Warp's connects and welds take the acceleration of turning points from, it computes after them.
-                d = d.replace(**self.mjx.velocities(world, data))
+                d = d.replace(**self.mjx.velocities(world, state(d)))
             d = self.mjx_step(model, d)
-            moved = data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart)
-            return moved, (d._impl.overflow & CONTACTS_LOST) != 0
+            return d, (d._impl.overflow & CONTACTS_LOST) != 0
 
-        if n_frames == 1:
-            return frame(data, None)
-        data, overflow = jax.lax.scan(frame, data, length=n_frames)
-        return data, overflow.any()
+        # Warp keeps a graph, with the memory that it needs, for each of its calls in a program: a loop has one.
+        start = self.mjx_data(data, n_worlds)
+        d, overflow = frame(start, None) if n_frames == 1 else jax.lax.scan(frame, start, length=n_frames)
+        return state(d), overflow.any()
