@@ -32,6 +32,7 @@ from maax_mjx.physics import (
     make_engine,
     union,
 )
+from maax_mjx.physics.overlay import with_rows
 from maax_mjx.spaces import check_action
 from maax_mjx.state import State
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
@@ -286,7 +287,7 @@ class Base(Environment):
         engine = self.engine  # gives the modules their ids, where nothing was reset yet
         move = jnp.asarray(action["move"], state.data.ctrl.dtype)
         move = jnp.where(state.world.active[self.agents.kind][:, None], move, 0.0)
-        ctrl = state.data.ctrl.at[self.agents.ctrl_ids.reshape(-1)].set(move.reshape(-1))
+        ctrl = with_rows(state.data.ctrl, self.agents.ctrl_ids, move)
         before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
         world, after, overflow = self._advance(state.world, before)
         fault = self._fault(world, after) | jnp.isnan(ctrl).any()

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from maax_mjx.checks import is_traced
-from maax_mjx.keys import named_key
+from maax_mjx.keys import named_keys
 from maax_mjx.layout import Layout
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.params import DomainParams, params_in_bounds
@@ -27,8 +27,8 @@ def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
 
     def draw(attempt: jax.Array) -> Layout:
         layout = _empty_layout(env, attempt, floor_size)
-        for name, module in env.modules.items():
-            layout = module.layout_step(named_key(key, name), layout, params)
+        for module, own_key in zip(env.modules.values(), named_keys(key, env.modules), strict=True):
+            layout = module.layout_step(own_key, layout, params)
         return layout
 
     layout = redraw(draw, LAYOUT_TRIES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.checks import check_choice, is_traced
+from maax_mjx.keys import draw_integer, named_keys
 
 
 @dataclass(frozen=True)
@@ -85,10 +86,11 @@ class DomainParams(Mapping[str, jax.Array]):
     def tree_unflatten(cls, names: tuple[str, ...], leaves: tuple) -> DomainParams:
         return cls(dict(zip(names, leaves, strict=True)))
 
-    def draw_count(self, key: jax.Array, name: str) -> jax.Array:
-        """A whole number, uniform over the parameter's range: () int32."""
-        low, high = self._ranges[name]
-        return jax.random.randint(key, (), low, high + 1)
+    def draw_counts(self, key: jax.Array, names: Iterable[str]) -> jax.Array:
+        """(n,) int32 whole numbers, uniform over the ranges of parameters, each from a key of its own name."""
+        names = list(names)
+        low, high = jnp.stack([self._ranges[name] for name in names], axis=1)
+        return jax.vmap(draw_integer)(named_keys(key, names), low, high)
 
     def draw(self, key: jax.Array, name: str) -> jax.Array:
         """A number, uniform over the parameter's range: () float."""

@@ -67,12 +67,9 @@ class Layout(struct.PyTreeNode):
         )
 
     def seeds(self, key: jax.Array, n: int) -> jax.Array:
-        """(n, 3) uint32 for `place`: each object's own, from its own key, anew at every attempt."""
-
-        def one(i: jax.Array) -> jax.Array:
-            return jax.random.bits(jax.random.fold_in(jax.random.fold_in(key, i), self.attempt), (3,), jnp.uint32)
-
-        return jax.vmap(one)(jnp.arange(n))
+        """(n, 3) uint32 for `place`: each object's own, however many there are, anew at every attempt."""
+        seed = hashed(jax.random.bits(key, (3,), jnp.uint32), self.attempt)
+        return hashed(seed, jnp.arange(n)[:, None])
 
     def stacked_objects(self) -> jax.Array:
         """(n, 3) of all `objects`."""

@@ -188,14 +188,16 @@ SCENARIOS = {
 RANDOM = "random"
 
 
-def with_doors(key: jax.Array, rooms: Rooms, door_cells: jax.Array | int, dropout: jax.Array, grid_size: int) -> Rooms:
-    """Cuts a door into every wall; of a quadrant's two, one alone keeps its door with probability `dropout`."""
+def with_doors(
+    key: jax.Array, rooms: Rooms, door_cells: jax.Array | int, dropout: jax.Array | None, grid_size: int
+) -> Rooms:
+    """Cuts a door into every wall; of a quadrant's two, one alone keeps its door with probability `dropout`, if any."""
     cut_key, drop_key, which_key = jax.random.split(key, 3)
     wanted = jnp.ones(rooms.walls.n, bool)
-    if rooms.walls.n > 1:
+    if rooms.walls.n > 1 and dropout is not None:
         drop = rooms.quadrant & jax.random.bernoulli(drop_key, dropout)
         which = jax.random.bernoulli(which_key).astype(jnp.int32)
-        wanted = wanted.at[which].set(~drop)
+        wanted = (jnp.arange(rooms.walls.n) != which) | ~drop
     everything = join(rooms.walls, outer_walls(grid_size))
     none = jnp.zeros(4, bool)
     walls, ok = cut_doors(cut_key, everything, door_cells, jnp.concatenate([wanted, none]))

@@ -23,6 +23,7 @@ from maax_mjx.physics.overlay import (
     mass_rows,
     set_cylinders,
     set_masses,
+    with_rows,
 )
 from maax_mjx.worldgen import Floor, Geom, Obj
 
@@ -118,7 +119,7 @@ class Cylinders(Entities):
             return super().write(key, layout, params, places)
         height = jnp.where(places.active, places.extents[:, 2] / 2, BELOW)
         pos = jnp.concatenate([places.centre, height[:, None]], axis=1)
-        fields = layout.fields | {"geom_pos": layout.fields["geom_pos"].at[self.geom_ids].set(pos)}
+        fields = layout.fields | {"geom_pos": with_rows(layout.fields["geom_pos"], self.geom_ids, pos)}
         return layout.replace(fields=self.draw_fields(key, fields, params, places))
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:

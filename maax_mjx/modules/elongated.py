@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.checks import check_count_range
+from maax_mjx.keys import draw_integer
 from maax_mjx.params import DomainParams, Parameter
 
 LONG, THIN = 3.3, 0.3
@@ -53,8 +54,8 @@ class Elongated:
         count_key, along_key = jax.random.split(jax.random.fold_in(key, self.n_max + 2))
         low, high = params[self.name]
         high = jnp.minimum(high, wanted.sum())
-        n_long = jax.random.randint(count_key, (), jnp.minimum(low, high), high + 1)
-        n_along_x = jax.random.randint(along_key, (), 0, n_long + 1)
+        n_long = draw_integer(count_key, jnp.minimum(low, high), high)
+        n_along_x = draw_integer(along_key, 0, n_long)
         slot = jnp.arange(self.n_max)[:, None]
         along_x, along_y = jnp.array([LONG, THIN, 1.0]), jnp.array([THIN, LONG, 1.0])
         return jnp.where(slot < n_along_x, along_x, jnp.where(slot < n_long, along_y, 1.0))

@@ -14,6 +14,7 @@ from maax_mjx.modules.placed import Placed, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Data, Fields, Overlay, World
+from maax_mjx.physics.overlay import with_rows
 from maax_mjx.worldgen import Floor, Obj
 
 
@@ -132,8 +133,8 @@ class Entities(Placed):
             turn = jnp.concatenate([jnp.cos(turn / 2), nothing, nothing, jnp.sin(turn / 2)], axis=1)
         position = jnp.concatenate([places.centre, height, turn], axis=1)
         ids = self.qpos_ids
-        qpos = layout.qpos.at[ids].set(jnp.where(active[:, None], position, layout.qpos[ids]))
-        gravcomp = layout.fields["body_gravcomp"].at[self.body_ids].set(jnp.where(active, 0.0, 1.0))
+        qpos = with_rows(layout.qpos, ids, jnp.where(active[:, None], position, layout.qpos[ids]))
+        gravcomp = with_rows(layout.fields["body_gravcomp"], self.body_ids, jnp.where(active, 0.0, 1.0))
         fields = self.draw_fields(key, layout.fields | {"body_gravcomp": gravcomp}, params, places)
         return layout.replace(qpos=qpos, fields=fields)
 

@@ -11,7 +11,6 @@ import numpy as np
 from flax import struct
 
 from maax_mjx.checks import check_count_range, check_per_object
-from maax_mjx.keys import named_key
 from maax_mjx.layout import Layout, PlacementFn
 from maax_mjx.modules.module import Module
 from maax_mjx.params import DomainParams, Parameter
@@ -102,10 +101,8 @@ class Placed(Module):
 
     def draw_wanted(self, key: jax.Array, params: DomainParams) -> jax.Array:
         """(n_max,) bool: which slots this world has."""
-        drawn = [
-            jnp.arange(high) < params.draw_count(named_key(key, name), name) for name, (_, high) in self.counts.items()
-        ]
-        return jnp.concatenate(drawn)
+        counts = params.draw_counts(key, self.counts)
+        return jnp.concatenate([jnp.arange(most) < counts[i] for i, (_, most) in enumerate(self.counts.values())])
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
         """(n_max, 3) this world's extents in metres."""

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction
+from maax_mjx.keys import draw_integer
 from maax_mjx.layout import Layout
 from maax_mjx.layout import walls as wall_layout
 from maax_mjx.layout.grid import JAMMING
@@ -19,7 +20,7 @@ from maax_mjx.modules.module import BELOW, Module
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Data, Overlay, World
-from maax_mjx.physics.overlay import BOX_FIELDS, set_boxes
+from maax_mjx.physics.overlay import BOX_FIELDS, set_boxes, with_rows
 from maax_mjx.worldgen import Floor, Geom
 
 OUTER_HEIGHT = 4.0
@@ -167,7 +168,9 @@ class WallScenarios(Module):
         # What is drawn of counts and kinds keeps to the key, so that redrawing what found no place leaves them alone.
         which_key, count_key, outer_key, probability_key, place_key = jax.random.split(key, 5)
         place_key = jax.random.fold_in(place_key, layout.attempt)
-        which = jax.random.choice(which_key, len(self.scenarios), p=jnp.asarray(self.probabilities)).astype(jnp.int32)
+        which = jnp.zeros((), jnp.int32)
+        if len(self.scenarios) > 1:
+            which = jax.random.choice(which_key, len(self.scenarios), p=jnp.asarray(self.probabilities))
         rooms = self._draw_rooms(which, count_key, place_key, g, params)
         closed = jnp.asarray(self.limits_arena)
         if self.n_outer:
@@ -195,7 +198,7 @@ class WallScenarios(Module):
         fields = layout.fields
         if self.n_walls:
             fields = set_boxes(fields, self._geom_ids, half)
-            fields["geom_pos"] = fields["geom_pos"].at[self._geom_ids].set(pos)
+            fields["geom_pos"] = with_rows(fields["geom_pos"], self._geom_ids, pos)
         if self.n_walls and self.friction is not None and self.friction.varies:
             sliding = self.friction.draw(key, params, self.n_walls, shared=True)
             fields["geom_friction"] = fields["geom_friction"].at[self._geom_ids, 0].set(sliding)
@@ -237,7 +240,7 @@ class WallScenarios(Module):
         drawn = []
         for name in self.scenarios:
             if name == RANDOM:
-                n_rooms = params.draw_count(count_key, "n_rooms")
+                n_rooms = draw_integer(count_key, *params["n_rooms"])
                 rooms = random_rooms(draw_key, grid_size, n_rooms, self.n_rooms[1], self.min_room_size)
             else:
                 rooms = SCENARIOS[name].draw(draw_key, grid_size)
@@ -245,9 +248,7 @@ class WallScenarios(Module):
         rooms = jax.tree.map(lambda *x: jnp.stack(x)[which], *drawn)
         if not self.door_size:
             return rooms
-        dropout = jnp.zeros(())
-        if "p_door_dropout" in params:
-            dropout = params.draw(drop_key, "p_door_dropout")
+        dropout = params.draw(drop_key, "p_door_dropout") if "p_door_dropout" in params else None
         return with_doors(door_key, rooms, self.door_size, dropout, grid_size)
 
 

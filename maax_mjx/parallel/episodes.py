@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -145,19 +146,17 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
         drawn = _without_engine(jax.vmap(env.reset)(keys, params))
         # What fills up the chunk is not stale and stays as it was drawn.
         target = jnp.where(picked_rank > 0, picked, n)
-        state = jax.tree.map(lambda old, new: old.at[target].set(new, mode="drop"), upcoming.state, drawn)
-        return Upcoming(state=state, stale=upcoming.stale.at[target].set(False, mode="drop"))
+        source = jnp.full(n, -1).at[target].set(jnp.arange(chunk), mode="drop")
+        # Gathered, since on a CPU every scatter is a loop to compile, and there are as many as a state has arrays.
+        state = jax.tree.map(lambda old, new: _where(source >= 0, new[source], old), upcoming.state, drawn)
+        return Upcoming(state=state, stale=upcoming.stale & (source < 0))
 
     return jax.lax.while_loop(wanting, draw_chunk, upcoming)
 
 
 def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> State:
     """`stepped`, with the next episode's beginning where one is done; what happened in the step stays."""
-
-    def pick(new: jax.Array, old: jax.Array) -> jax.Array:
-        return jnp.where(done.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-
-    merged = jax.tree.map(pick, fresh, _without_engine(stepped))
+    merged = jax.tree.map(partial(_where, done), fresh, _without_engine(stepped))
     engine = jax.vmap(env.base.engine.renew)(stepped.data.engine, done)
     return merged.replace(
         data=merged.data.replace(engine=engine),
@@ -167,6 +166,11 @@ def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> S
         metrics=stepped.metrics,
         params=stepped.params,
     )
+
+
+def _where(worlds: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
+    """`new` in those `worlds` (n,) bool, `old` in the others."""
+    return jnp.where(worlds.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
 
 def _fields(state: State) -> dict[str, Any]:

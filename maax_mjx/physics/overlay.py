@@ -16,6 +16,13 @@ BODY_FIELDS = ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0
 DOF_FIELDS = ("dof_M0", "dof_invweight0")
 
 
+def with_rows(array: jax.Array, rows: np.ndarray, values: jax.Array) -> jax.Array:
+    """`array.at[rows].set(values)` as a gather: on a CPU a scatter is a loop, slower to run and to compile."""
+    source = np.arange(len(array))
+    source[rows.ravel()] = len(array) + np.arange(rows.size)
+    return jnp.concatenate([array, values.astype(array.dtype).reshape(rows.size, *array.shape[1:])])[source]
+
+
 def mass_rows(bodies: np.ndarray, dofs: np.ndarray) -> Overlay:
     """The rows that `set_masses` writes."""
     return dict.fromkeys(BODY_FIELDS, bodies) | dict.fromkeys(DOF_FIELDS, dofs.reshape(-1))
@@ -41,9 +48,9 @@ def set_cylinders(fields: Mapping[str, jax.Array], ids: np.ndarray, half: jax.Ar
 def _set_sizes(fields: Mapping[str, jax.Array], ids: np.ndarray, size: jax.Array, half: jax.Array) -> Fields:
     aabb = jnp.concatenate([jnp.zeros_like(half), half], axis=1)
     return dict(fields) | {
-        "geom_size": fields["geom_size"].at[ids].set(size),
-        "geom_rbound": fields["geom_rbound"].at[ids].set(jnp.linalg.norm(size, axis=1)),
-        "geom_aabb": fields["geom_aabb"].at[ids].set(aabb),
+        "geom_size": with_rows(fields["geom_size"], ids, size),
+        "geom_rbound": with_rows(fields["geom_rbound"], ids, jnp.linalg.norm(size, axis=1)),
+        "geom_aabb": with_rows(fields["geom_aabb"], ids, aabb),
     }
 
 
@@ -74,12 +81,12 @@ def set_masses(
         turning = jnp.repeat(mean, 3, axis=1)
     light = 1 / heavy
     return dict(fields) | {
-        "body_mass": fields["body_mass"].at[bodies].set(mass),
-        "body_inertia": fields["body_inertia"].at[bodies].set(inertia),
-        "body_subtreemass": fields["body_subtreemass"].at[bodies].set(mass),
-        "body_invweight0": fields["body_invweight0"].at[bodies].set(jnp.concatenate([light[:, :1], mean], axis=1)),
-        "dof_M0": fields["dof_M0"].at[dofs].set(jnp.concatenate([heavy, about], axis=1)),
-        "dof_invweight0": fields["dof_invweight0"].at[dofs].set(jnp.concatenate([light, turning], axis=1)),
+        "body_mass": with_rows(fields["body_mass"], bodies, mass),
+        "body_inertia": with_rows(fields["body_inertia"], bodies, inertia),
+        "body_subtreemass": with_rows(fields["body_subtreemass"], bodies, mass),
+        "body_invweight0": with_rows(fields["body_invweight0"], bodies, jnp.concatenate([light[:, :1], mean], axis=1)),
+        "dof_M0": with_rows(fields["dof_M0"], dofs, jnp.concatenate([heavy, about], axis=1)),
+        "dof_invweight0": with_rows(fields["dof_invweight0"], dofs, jnp.concatenate([light, turning], axis=1)),
     }
 
 
