@@ -3,8 +3,12 @@
 python notebooks/multi_device.py                      all devices of this machine (on a CPU, two virtual ones)
 python notebooks/multi_device.py --method pmap        the same with jax.pmap
 python notebooks/multi_device.py --processes 2        two processes on this machine, as a launcher starts them
-srun python notebooks/multi_device.py --distributed   one process per SLURM task; mpirun likewise
 python notebooks/multi_device.py --folder run         saves every round; called again, it goes on from the last
+srun python notebooks/multi_device.py --distributed   one process per SLURM task; mpirun of Open MPI up to 4 likewise
+
+Anywhere else every process is told which it is, with the address of the first one and a port that is free there:
+python notebooks/multi_device.py --processes 2 --coordinator HOST:PORT --rank 0    and --rank 1 in another shell or host
+On a machine with GPUs, --processes 2 --gpus 2 gives every process its own.
 """
 
 import os
@@ -46,8 +50,8 @@ class Config:
         processes: how many to start on this machine.
         gpus: how many GPUs it has, of which each process gets an equal share; 0 for a CPU.
         distributed: whether a launcher started this process beside others (SLURM, mpirun, a cloud's TPU pod).
-        rank: of this process; set by the process that started it.
-        coordinator: address of the first process; likewise.
+        rank: of this process, where no launcher says it.
+        coordinator: HOST:PORT of the first process, likewise.
         folder: for checkpoints; none are written without one.
         out: JSON file for what the worlds came to.
     """
@@ -80,6 +84,8 @@ def policy(state: maax.State, key: jax.Array, params: dict[str, jax.Array]) -> d
 def train(config: Config) -> None:
     """What every process does; all make the same calls in the same order."""
     overrides = {name: ast.literal_eval(value) for name, value in (o.split("=", 1) for o in config.overrides)}
+    if config.folder and config.method == "pmap" and jax.process_count() > 1:
+        raise ValueError("folder: got one with --method pmap in several processes; takes --method shard_map there")
     env = maax.make(config.env, impl=config.impl, **overrides)
     worlds = maax.Worlds(env, config.worlds, devices="all", method=config.method)
     key, params = jax.random.key(0), {"push": np.zeros(3, np.float32)}

@@ -22,6 +22,14 @@ from hypothesis import settings
 settings.register_profile("maax", deadline=None, max_examples=25)
 settings.load_profile("maax")
 
+LONGEST = ("test_readme", "test_notebooks", "test_env", "test_hostile", "test_worlds", "test_viewer", "test_rollouts")
+"""Files that take longest: begun first, so that no worker is left with one while the other has nothing to do."""
+
+
+def pytest_collection_modifyitems(items):
+    order = {name: i for i, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
 
 @pytest.fixture(scope="session")
 def env_c():

@@ -10,7 +10,7 @@ import pytest
 import tyro
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import breakdown, fidelity, memory, plots, record
+from maax_mjx.benchmarks import breakdown, fidelity, first_step, memory, plots, record
 from maax_mjx.benchmarks.traces import Event, attribute, shares_of
 from maax_mjx.tasks.standard import standard
 
@@ -96,6 +96,16 @@ def test_memory(folder, monkeypatch):
     assert row["asked"] == "4"
     assert row["step_bytes"] > 4 * row["state_bytes_per_world"] > 4 * 500
     assert row["pool_peak_bytes"] is None, "a CPU counts nothing"
+
+
+def test_first_step(tmp_path, monkeypatch):
+    """The second process finds what the first one left in the cache."""
+    stand_in = "import os, pathlib; kept = pathlib.Path(os.environ['JAX_COMPILATION_CACHE_DIR']) / 'kept'; "
+    stand_in += "print([1, 2, 3, 0 if kept.exists() else 4]); kept.touch()"
+    monkeypatch.setattr(first_step, "PROCESS", stand_in)
+    (row,) = run(first_step, tmp_path / "first_step.json", env=("tiny",), impl=("c",), worlds=(4,))
+    assert (row["import_s"], row["make_s"], row["reset_s"]) == ([1, 1], [2, 2], [3, 3])
+    assert (row["step_s"], row["total_s"]) == ([4, 0], [10, 6])
 
 
 def test_pictures(folder, capsys):
@@ -194,6 +204,7 @@ def test_errors_before_anything_runs():
         (fidelity, dict(steps=0)),
         (breakdown, dict(traced=0)),
         (memory, dict(worlds=(0,))),
+        (first_step, dict(worlds=(0,))),
     ]:
         with pytest.raises(ValueError, match="got 0; takes"):
             module.main(module.Config(**options))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mujoco import mjx
 
-from maax_mjx.physics.connects import centripetal
+from maax_mjx.physics.connects import with_velocity_terms
 
 XML = """
 <mujoco>
@@ -43,7 +43,7 @@ def test_reference_accelerations_are_those_of_mujoco(active):
         d = mjx.make_data(on_device).replace(qpos=qpos, qvel=qvel)
         for stage in (mjx.fwd_position, mjx.fwd_velocity):
             d = stage(on_device, d)
-        return d._impl.efc_aref, centripetal(on_device, d)._impl.efc_aref
+        return d._impl.efc_aref, with_velocity_terms(on_device, d)._impl.efc_aref
 
     rng, without = np.random.default_rng(0), []
     for _ in range(5):

@@ -135,7 +135,7 @@ def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
     """
     env, reset, step = jitted(method, free, outer)
     plain = jax.jit(env.env.step)
-    fresh = reset(jax.random.key(1), env.default_params.replace(n_boxes=2, n_elongated_boxes=1))
+    fresh = reset(jax.random.key(2), env.default_params.replace(n_boxes=2, n_elongated_boxes=1))
     state = fresh
     for _ in range(5):
         state = step(state, action(np.ones((4, 3)), 0.5))

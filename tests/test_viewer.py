@@ -255,7 +255,7 @@ def test_moments_between_frames_are_on_the_way(env, recording):
     ways = [Rotation.from_matrix(s.data.geom_xmat.reshape(-1, 3, 3)) for s in (first, second, after)]
     whole = (ways[2] * ways[0].inv()).magnitude()
     np.testing.assert_allclose((ways[1] * ways[0].inv()).magnitude(), whole / 3, atol=1e-3)
-    assert whole.max() > 0.05
+    assert whole.max() > 0.03
     # An episode ended in the second gap: nothing is between.
     resets = [i for i in range(1, len(made.times)) if int(made.states[i][0].step) < int(made.states[i - 1][0].step)]
     assert resets == [6]
@@ -291,7 +291,7 @@ def picture(env, recording):
 
 
 def recording_frame(recording, t=PREPARATION + 1):
-    return jax.tree.map(lambda x: x[t, 0], recording.states)
+    return jax.tree.map(lambda x: x[t, 1], recording.states)
 
 
 def centre_of(image, colour, size):

@@ -231,12 +231,13 @@ def test_split_spoof_join_flatten(touching):
 def test_observations_are_of_the_state_after_the_step(touching):
     """MAax built them from the state before, and so froze them."""
     env = maax.FlattenObservations(maax.SplitObservations(touching, ["agent_pos"]))
-    state, step = jax.jit(env.reset)(jax.random.key(1)), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(jax.random.key(3)), jax.jit(env.step)
+    assert state.world.active["agent"].any()
     columns = []
     for _ in range(3):
         state = step(state, {"move": jnp.ones((5, 3))})
         columns.append(np.asarray(state.obs["obs"]))
-        position = np.asarray(state.data.qpos)[env.base.agents.qpos_ids[:, :3]]
+        position = np.asarray(state.data.xpos)[env.base.agents.body_ids]
         active = np.asarray(state.world.active["agent"])
         shown = sorted(["agent_pos", "agent_pos_self"])
         assert shown[0] == "agent_pos"

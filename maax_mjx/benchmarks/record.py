@@ -21,7 +21,7 @@ from maax_mjx.runtime import cores
 Case = TypeVar("Case")
 R = TypeVar("R")
 
-PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "warp-lang", "flax", "numpy")
+PACKAGES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "warp-lang", "flax", "numpy", "orbax-checkpoint", "brax")
 
 
 def conditions() -> dict[str, Any]:
@@ -64,10 +64,11 @@ def resume(path: Path | None, row: type[R]) -> list[R]:
     record = json.loads(path.read_text())
     now = json.loads(json.dumps(conditions()))
     for name in ("devices", "cpus", "packages"):
-        if record["conditions"][name] != now[name]:
-            raise ValueError(
-                f"out: got {path} with {name} {record['conditions'][name]}; here they are {now[name]}: takes a new file"
-            )
+        before = record["conditions"][name]
+        # A file from before a package was listed says nothing of it.
+        here = {package: now[name][package] for package in before} if name == "packages" else now[name]
+        if before != here:
+            raise ValueError(f"out: got {path} with {name} {before}; here they are {here}: takes a new file")
     try:
         return [row(**values) for values in record["rows"]]
     except TypeError as error:

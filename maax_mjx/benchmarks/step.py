@@ -179,8 +179,7 @@ def mjx_roll(
         def step(data: mjx.Data, i: jax.Array) -> tuple[mjx.Data, None]:
             forces = at(actions, i, held)["forces"]
             data = data.replace(ctrl=data.ctrl.at[:, ids].set(forces.reshape(len(forces), -1)))
-            # As the engines do it: warp's steps one after another, those of jax, which take long to compile, in a loop.
-            return jax.lax.scan(frame, data, length=n_frames, unroll=n_frames if engine.impl == "warp" else 1)[0], None
+            return jax.lax.scan(frame, data, length=n_frames)[0], None
 
         return fields, jax.lax.scan(step, data, steps)[0]
 

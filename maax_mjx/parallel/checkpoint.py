@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +101,8 @@ class Checkpoints:
         like = worlds.states_shape
         wanted = _named(jax.eval_shape(_keyless, like))
         # Not the manager's: in another process than the one that saved it does not know what there is.
-        metadata = self._orbax.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
+        with _only_errors():
+            metadata = self._orbax.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
         self._check_same(wanted, metadata.item_metadata.tree)
         spread = {name: _target(worlds, x) for name, x in wanted.items()}
         trees = {STATES: spread, **_boxed(others)}
@@ -128,6 +131,19 @@ class Checkpoints:
                 )
         if extra := sorted(set(shapes) - set(wanted)):
             raise ValueError(f"worlds: {self.folder} has {', '.join(extra)} besides; takes the environment of the save")
+
+
+@contextmanager
+def _only_errors() -> Iterator[None]:
+    """Without Orbax's warning that an item, unlike a whole save, has no metadata file of its own."""
+    from absl import logging
+
+    level = logging.get_verbosity()
+    logging.set_verbosity(logging.ERROR)
+    try:
+        yield
+    finally:
+        logging.set_verbosity(level)
 
 
 def _named(tree: Any) -> dict[str, Any]:

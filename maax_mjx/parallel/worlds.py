@@ -74,7 +74,7 @@ class Worlds:
         self._sample = compiled(self._sample_fn, (None,), options=once)
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
-        self._fitting: WeakSet[Callable] = WeakSet()
+        self._ran: WeakSet[Callable] = WeakSet()
 
     def reset(self, key: jax.Array, params: DomainParams | None = None, *, stagger: bool = False) -> WorldsState:
         """Draws all worlds.
@@ -217,12 +217,12 @@ class Worlds:
         check_not_donated(states.step)
 
     def _run(self, program: Callable, *args: Any) -> Any:
-        """Runs a compiled program, and waits for its first run: only then do accelerators say what does not fit."""
+        """Runs a compiled program; its first run is waited for, since accelerators report too little memory late."""
         try:
             results = program(*args)
-            if program not in self._fitting and not is_traced(results):
+            if program not in self._ran and not is_traced(results):
                 jax.block_until_ready(results)
-                self._fitting.add(program)
+                self._ran.add(program)
             return results
         except jax.errors.JaxRuntimeError as error:
             if not is_out_of_memory(error):

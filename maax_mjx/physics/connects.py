@@ -1,4 +1,4 @@
-"""Points of two bodies that an equality connects, while the bodies turn."""
+"""What MJX leaves out of equalities that connect points of two bodies."""
 
 from __future__ import annotations
 
@@ -9,11 +9,16 @@ import numpy as np
 from mujoco import mjx
 
 
-def centripetal(m: mjx.Model, d: mjx.Data) -> mjx.Data:
-    """Gives connects the acceleration that their points have since they turn with their bodies, which MJX leaves out.
+def with_velocity_terms(m: mjx.Model, d: mjx.Data) -> mjx.Data:
+    """The data with the connects' reference accelerations as MuJoCo has them.
 
-    A connect asks for an acceleration of one point relative to another. Some of it is there without any of the joints':
-    the centripetal one, v^2 / r (the time derivative of the Jacobian, times velocity).
+    MuJoCo subtracts the relative acceleration that the two points would have if no joint accelerated: centripetal and
+    Coriolis terms, the Jacobian's time derivative times the velocity. MJX does not. Connects of sites stay as MJX
+    has them, which no module makes, and welds, which locks make of what is at rest.
+
+    Args:
+        m: the model.
+        d: data with the rows of `mjx.fwd_position` and the velocities of `mjx.fwd_velocity`.
     """
     connects = np.nonzero(m.eq_type == mujoco.mjtEq.mjEQ_CONNECT)[0]
     of_bodies = m.eq_objtype[connects] == mujoco.mjtObj.mjOBJ_BODY

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from mujoco import mjx
 
-from maax_mjx.physics.connects import centripetal
+from maax_mjx.physics.connects import with_velocity_terms
 
 POINTS = np.array([0, 1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 7 / 8, 1, 3 / 2, 2, 3, 4, 8, 16])
 """Step lengths that a line search looks at first."""
@@ -64,7 +64,8 @@ def applies(model: mujoco.MjModel) -> bool:
 
 def step(m: mjx.Model, d: mjx.Data) -> mjx.Data:
     """`mjx.step` without sensors, with `solve` for `mjx.solve`, and connects as MuJoCo has them."""
-    for stage in (mjx.fwd_position, mjx.fwd_velocity, centripetal, mjx.fwd_actuation, mjx.fwd_acceleration):
+    stages = (mjx.fwd_position, mjx.fwd_velocity, with_velocity_terms, mjx.fwd_actuation, mjx.fwd_acceleration)
+    for stage in stages:
         d = stage(m, d)
     with jax.named_scope("solve"):
         d = solve(m, d) if d._impl.efc_J.size else d.replace(qacc=d.qacc_smooth)

@@ -21,12 +21,13 @@ ROWS_PER_CONTACT = 4
 ROWS_PER_EQUALITY = 6
 
 CONTACTS_PER_CONVEX_PAIR = 4
-"""Boxes, ramps and hulls mostly touch in four points, and the floor, which has most of all points, is no convex pair.
-In hostile play a world of M has 2 such pairs of one kind at most, of the 31 / 4 that this makes; `hide_and_seek_full`
-has 6, of 90 / 4. Warp's scratch for a pair, 5 kB, is nearly all the memory that it takes."""
+"""How many contacts there is room for per pair of convex geoms. Warp takes 5 kB of scratch per pair, nearly all of its
+memory, and uses it again for every kind of pair (box and box, box and ramp). A pair mostly has four contacts, and the
+floor, which has most of them, is no convex geom. In C MuJoCo under hostile play one world of M had 2 pairs of a kind at
+the same time, of room for 7, and one of `hide_and_seek_full` 6 of 22. What finds no room counts as contact overflow."""
 
 MIN_CONVEX_PAIRS = 64
-"""Few worlds have room for as many pairs as contacts: they cannot lean on each other's."""
+"""Where there are so few worlds that one cannot use the room of others, there is room for as many pairs as contacts."""
 
 
 class WarpEngine(MjxEngine):
@@ -54,7 +55,7 @@ class WarpEngine(MjxEngine):
             self._model = put_on_host(mjx.put_model(model, device=device, impl="warp"))
             data = mjx.make_data(model, device=device, impl="warp", naconmax=contacts_per_world, njmax=rows)
             self._data = put_on_host(data)
-        self._holds_points = bool(np.isin(model.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)).any())
+        self._needs_velocities = bool(np.isin(model.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)).any())
         # Overflow would be printed from the device; `step` reports it.
         self._model = self._model.tree_replace({"opt._impl.warn_overflow": 0})
 
@@ -104,8 +105,8 @@ class WarpEngine(MjxEngine):
 
         def frame(d: mjx.Data, _: None) -> tuple[mjx.Data, jax.Array]:
             d = d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int)))
-            if self._holds_points:
-                # What Warp's connects and welds take the acceleration of turning points from, it computes after them.
+            if self._needs_velocities:
+                # Warp builds its constraints first: connects and welds would read the last step's velocities in space.
                 d = d.replace(**self.mjx.velocities(world, state(d)))
             d = self.mjx_step(model, d)
             return d, (d._impl.overflow & CONTACTS_LOST) != 0
