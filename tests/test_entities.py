@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from plain_mujoco import in_plain_mujoco
 from scipy import stats
 from test_parameters import FEW, P_MIN, N, active, draw, few, field, make, uniform, wall_rects, zoo_env
 
@@ -115,13 +116,8 @@ def test_fields_are_those_that_mujoco_compiles(drawn):
 
 def test_the_c_engine_follows_plain_mujoco(drawn, batch_step):
     env, states = drawn
-    states, worlds = few(states), []
-    for i in range(16):
-        model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, world=i))
-        data = mujoco.MjData(model)
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-        data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
-        worlds.append((model, data))
+    states = few(states)
+    worlds = [in_plain_mujoco(env, states, i) for i in range(16)]
     mask, touched = active(states, "agent"), 0
     for t in range(50):
         action = held(t // 20, FEW, env.agents.n_max)
@@ -401,9 +397,9 @@ def test_static_cylinders_stand_fast(batch_step):
     """Agents at full force come up to them, and no further."""
     cylinders = maax.Cylinders((1, 2), (0.3, 0.9), (0.2, 0.6), static=True, friction=(0.2, 1.0))
     env = make(2, maax.WallScenarios("empty"), maax.Agents(2), cylinders)
-    drawn = draw(env, 5)
+    drawn = draw(env, 7)
     assert "cylinder_obs" not in drawn.obs
-    states, ids = few(draw(env, 5, cylinder_height=0.6)), env.modules["cylinders"].geom_ids
+    states, ids = few(draw(env, 7, cylinder_height=0.6)), env.modules["cylinders"].geom_ids
     start = np.asarray(states.data.geom_xpos)[:, ids]
     there = active(states, "cylinder")
     equal(states.obs["static_cylinder_mask"], there)
@@ -421,9 +417,9 @@ def test_static_cylinders_stand_fast(batch_step):
         action, away = towards(env, states, start[:, 0, :2])
         states = batch_step(env, states, action)
         nearest = np.minimum(nearest, away.min(axis=1) - RADIUS - radius[:, 0])
-    assert nearest.min() > -0.12, "at impact, at 9 m/s"
+    assert nearest.min() > -0.1, "at impact, at 9 m/s"
     assert nearest.max() < 0.05
-    assert (away.min(axis=1) - RADIUS - radius[:, 0]).min() > -0.03
+    assert (away.min(axis=1) - RADIUS - radius[:, 0]).min() > -0.02
     equal(np.asarray(states.data.geom_xpos)[:, ids], start)
     assert not np.asarray(states.metrics["physics_fault"]).any()
 
@@ -442,7 +438,7 @@ def limited():
         )
 
     envs = {n: make_limited(n) for n in (1, 5)}
-    return envs, few(draw(envs[1], 6))
+    return envs, few(draw(envs[1], 26))
 
 
 @pytest.mark.parametrize("n_frames", [1, 5])
@@ -463,8 +459,7 @@ def test_limits_hold_what_outer_walls_would(n_frames, limited, batch_step):
             out[module.kind] = np.where(active(states, module.kind), beyond, -np.inf).max(axis=1)
         return out
 
-    assert outside(states)["agent"].max() < -RADIUS + TOL
-    assert max(x.max() for x in outside(states).values()) < 0, "a thin box may lie closer to the edge than an agent"
+    assert max(x.max() for x in outside(states).values()) < -RADIUS + TOL
     worst, faults = -np.inf, np.zeros(FEW, bool)
     for t in range(300 // n_frames):
         if t * n_frames % 60 == 0:
@@ -479,7 +474,7 @@ def test_limits_hold_what_outer_walls_would(n_frames, limited, batch_step):
     rest = {"move": np.tile(np.float32([1, 1, 0]), (FEW, 3, 1))}
     for _ in range(200 // n_frames):
         states = batch_step(env, states, rest)
-    assert outside(states)["agent"].max() + RADIUS < 0.02
+    assert outside(states)["agent"].max() + RADIUS < 0.01
     assert (outside(states)["agent"] > -RADIUS - 0.02).mean() > 0.9, "they press against the edge"
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
 from maax_mjx.wrappers.grab_rules import grab_rule
@@ -197,10 +198,7 @@ def test_what_is_held_follows(carrying):
 def test_the_file_of_a_carrying_world_moves_as_it_does(carrying):
     env, _, _, step = carrying
     state, *_ = run(carrying, gripping(carrying, 0.2), np.tile([[1, 0.5, 0], [0, 0, 0]], (30, 1, 1)), [1, 0])
-    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, state, world=3))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    model, data = in_plain_mujoco(env, state, world=3)
     assert data.eq_active.any()
     begun = data.qpos.copy()
     move = np.broadcast_to(np.float32([[-1, 0.5, 0.1], [0, 0, 0]]), (8, 2, 3))

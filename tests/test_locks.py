@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
 from maax_mjx.wrappers.lock_rules import LOCK_TYPES, lock_rule
@@ -249,10 +250,7 @@ def test_locks_over_time(lock_type, roaming):
 def test_the_file_of_a_locked_world_moves_as_it_does(locking):
     env, reset, step = locking
     state = step(reset(jax.random.key(2)), action(np.ones((4, 3))))
-    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, state))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    model, data = in_plain_mujoco(env, state)
     assert data.eq_active.sum() == 4 * int(np.asarray(state.obs["obj_lock"]).sum()) > 0
     for _ in range(50):
         state = step(state, action(np.ones((4, 3)), 0.7))

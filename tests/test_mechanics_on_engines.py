@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
 
@@ -52,10 +53,7 @@ def test_locks_and_holds(impl):
     assert error.max() < 100, "mm"
 
     # One step on, it is where MuJoCo has it: agent and box turn about each other, which a connect has to make up for.
-    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, state))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+    model, data = in_plain_mujoco(env, state)
     data.ctrl[:] = state.data.ctrl
     assert abs(data.qvel[base.agents.qvel_ids[0][3]]) > 2, "rad/s"
     assert data.eq_active.any()

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
 from maax_mjx.physics.kinematics import UprightKinematics
@@ -21,15 +22,6 @@ def bang_bang(seed, n=N, n_agents=4):
 
 def uniform(seed, n=N, n_agents=4):
     return np.random.default_rng(seed).uniform(-1, 1, (n, n_agents, 3)).astype(np.float32)
-
-
-def plain(env, states, i):
-    """World i in plain MuJoCo, from the exported file alone."""
-    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, i))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
-    return model, data
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +41,7 @@ def test_worlds_differ_in_their_walls(env_c, pushed):
 
 
 def test_c_follows_plain_mujoco(env_c, pushed, batch_step):
-    states, worlds = pushed, [plain(env_c, pushed, i) for i in range(N)]
+    states, worlds = pushed, [in_plain_mujoco(env_c, pushed, i) for i in range(N)]
     contacts = 0
     for t in range(100):
         action = bang_bang(100 + t // HELD)
@@ -67,7 +59,7 @@ def test_c_follows_plain_mujoco(env_c, pushed, batch_step):
 
 def test_poses_are_current_and_those_of_mujoco(env_c, pushed):
     for i in (0, 5):
-        model, data = plain(env_c, pushed, i)
+        model, data = in_plain_mujoco(env_c, pushed, i)
         mujoco.mj_kinematics(model, data)
         for name in ("xpos", "xquat", "geom_xpos", "geom_xmat"):
             got = np.asarray(getattr(pushed.data, name))[i]
@@ -88,7 +80,7 @@ def test_own_kinematics_equal_those_of_mjx(free):
     qpos = np.array(state.data.qpos)
     qpos += np.random.default_rng(0).normal(size=qpos.shape).astype(np.float32)
     data = env.engine.mjx.kinematics(state.world, state.data.replace(qpos=jnp.asarray(qpos)))
-    model, truth = plain(env, state, None)
+    model, truth = in_plain_mujoco(env, state, None)
     truth.qpos[:] = qpos
     mujoco.mj_kinematics(model, truth)
     np.testing.assert_allclose(data.geom_xpos, truth.geom_xpos, atol=1e-5)
@@ -103,7 +95,7 @@ def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, ba
     states = batch_reset(env_c, jax.random.split(jax.random.key(7), N))
     for t in range(80):
         states = batch_step(env_c, states, {"move": draw(t // HELD)})
-    worlds, errors = [plain(env_c, states, i) for i in range(N)], []
+    worlds, errors = [in_plain_mujoco(env_c, states, i) for i in range(N)], []
     for t in range(160):
         action = draw(200 + t // HELD)
         if t % 10 == 0:
@@ -157,7 +149,7 @@ def test_gravity_and_timestep_are_used():
     params = maax.WorldParams(gravity=-50.0, timestep=0.002)
     env = maax.make("standard", impl="c", world_params=params)
     state = jax.jit(env.reset)(jax.random.key(0))
-    model, _ = plain(env, state, None)
+    model, _ = in_plain_mujoco(env, state, None)
     assert model.opt.gravity[2] == -50.0
     assert model.opt.timestep == env.model.opt.timestep == 0.002
 
@@ -215,7 +207,7 @@ def test_free_joints(impl):
         envs[name].add_module(maax.Ramps(1, free=True))
     env = envs["c"]
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(5), 8))
-    worlds = [plain(env, states, i) for i in range(8)]
+    worlds = [in_plain_mujoco(env, states, i) for i in range(8)]
     steps = {name: jax.jit(jax.vmap(e.step)) for name, e in envs.items()}
     parked = ~np.asarray(states.world.active["box"])
     assert parked.any()

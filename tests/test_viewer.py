@@ -238,7 +238,7 @@ def test_states_of_other_rules_are_refused(env, recording):
 
 def test_moments_between_frames_are_on_the_way(env, recording):
     """Frames 75 ms apart: at a third of the way things are a third of the way, and turns are turns."""
-    shown = film(env, recording, [0])
+    shown = film(env, recording, [1])
     sparse = Film(
         [shown.states[i] for i in (0, 9, 13, 15)],
         [shown.returns[i] for i in (0, 9, 13, 15)],
@@ -255,7 +255,7 @@ def test_moments_between_frames_are_on_the_way(env, recording):
     ways = [Rotation.from_matrix(s.data.geom_xmat.reshape(-1, 3, 3)) for s in (first, second, after)]
     whole = (ways[2] * ways[0].inv()).magnitude()
     np.testing.assert_allclose((ways[1] * ways[0].inv()).magnitude(), whole / 3, atol=1e-3)
-    assert whole.max() > 0.03
+    assert whole.max() > 0.05
     # An episode ended in the second gap: nothing is between.
     resets = [i for i in range(1, len(made.times)) if int(made.states[i][0].step) < int(made.states[i - 1][0].step)]
     assert resets == [6]

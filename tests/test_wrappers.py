@@ -237,7 +237,7 @@ def test_observations_are_of_the_state_after_the_step(touching):
     for _ in range(3):
         state = step(state, {"move": jnp.ones((5, 3))})
         columns.append(np.asarray(state.obs["obs"]))
-        position = np.asarray(state.data.xpos)[env.base.agents.body_ids]
+        position = np.asarray(state.data.qpos)[env.base.agents.qpos_ids[:, :3]]
         active = np.asarray(state.world.active["agent"])
         shown = sorted(["agent_pos", "agent_pos_self"])
         assert shown[0] == "agent_pos"
