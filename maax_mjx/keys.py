@@ -13,12 +13,16 @@ import numpy as np
 
 def named_key(key: jax.Array, name: str) -> jax.Array:
     """The key of what is called `name`: draws by one name do not move those by another."""
-    return jax.random.fold_in(key, np.uint32(crc32(name.encode())))
+    return jax.random.fold_in(key, _number(name))
 
 
 def named_keys(key: jax.Array, names: Iterable[str]) -> jax.Array:
     """(n,) `named_key` of every name: one program of threefry, which takes XLA a twelfth of a second to compile."""
-    return jax.vmap(jax.random.fold_in, (None, 0))(key, np.array([crc32(name.encode()) for name in names], np.uint32))
+    return jax.vmap(jax.random.fold_in, (None, 0))(key, np.array([_number(name) for name in names]))
+
+
+def _number(name: str) -> np.uint32:
+    return np.uint32(crc32(name.encode()))
 
 
 def draw_integer(key: jax.Array, low: jax.Array | int, high: jax.Array | int) -> jax.Array:

@@ -16,6 +16,7 @@ import numpy as np
 from maax_mjx.modules import Entities
 from maax_mjx.modules.placed import turned_extents
 from maax_mjx.physics import Data, Overlay, World
+from maax_mjx.physics.overlay import with_rows
 
 AXES = ("x", "y")
 FAR = 1e3
@@ -59,7 +60,7 @@ class ArenaLimits:
         # A closed range is a lock, and stays.
         locked = (ranges[rows, 0] == ranges[rows, 1])[:, None]
         new = jnp.where(locked, ranges[rows], self._ranges(world, data))
-        return world.replace(fields=world.fields | {"jnt_range": ranges.at[rows].set(new)})
+        return world.replace(fields=world.fields | {"jnt_range": with_rows(ranges, rows, new)})
 
     def _ranges(self, world: World, data: Data) -> jax.Array:
         """(2 n, 2) metres, in the order of `joint_ids`; wide open for what is not in play."""

@@ -12,6 +12,7 @@ import numpy as np
 from maax_mjx.limits import FAR, limit_joint
 from maax_mjx.modules import Entities, Module
 from maax_mjx.physics import Data, Overlay
+from maax_mjx.physics.overlay import with_rows
 from maax_mjx.state import State
 from maax_mjx.wrappers.equalities import add_equality, joint_data, set_equalities, weld_data
 
@@ -92,7 +93,7 @@ class LockSlots(Module):
             closed = jnp.stack([value, value], axis=1)
             ranges = jnp.where(locked[self._joint_slot][:, None], closed, jnp.array([-FAR, FAR]))
             fields = state.world.fields
-            fields = fields | {"jnt_range": fields["jnt_range"].at[rows].set(ranges)}
+            fields = fields | {"jnt_range": with_rows(fields["jnt_range"], rows, ranges)}
             return state.replace(world=state.world.replace(fields=fields))
         data = jnp.concatenate([joint_data(value - self._qpos0, 0.0), weld_data(pose[self._weld_slot])])
         slots = np.concatenate([self._joint_slot, self._weld_slot])
