@@ -1,15 +1,16 @@
 """maax_mjx: multi-agent reinforcement learning in procedurally generated worlds, on MuJoCo MJX."""
 
-from maax_mjx.runtime import guard_small_hosts, keep_compiled_programs
+from maax_mjx.common.runtime import guard_small_hosts, keep_compiled_programs
 
 guard_small_hosts()
 keep_compiled_programs()
 
 from maax_mjx import testing  # noqa: E402
-from maax_mjx.base import Base  # noqa: E402
-from maax_mjx.curriculum import Curriculum  # noqa: E402
-from maax_mjx.env import Environment  # noqa: E402
-from maax_mjx.export import to_mjcf, world_of  # noqa: E402
+from maax_mjx.common.params import DomainParams  # noqa: E402
+from maax_mjx.core.base import Base  # noqa: E402
+from maax_mjx.core.env import Environment  # noqa: E402
+from maax_mjx.core.export import to_mjcf, world_of  # noqa: E402
+from maax_mjx.core.state import State  # noqa: E402
 from maax_mjx.layout import (  # noqa: E402
     all_of,
     any_of,
@@ -40,9 +41,8 @@ from maax_mjx.modules import (  # noqa: E402
     WorldConstants,
 )
 from maax_mjx.parallel import Checkpoints, Worlds, WorldsState  # noqa: E402
-from maax_mjx.params import DomainParams  # noqa: E402
+from maax_mjx.parallel.curriculum import Curriculum  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError  # noqa: E402
-from maax_mjx.state import State  # noqa: E402
 from maax_mjx.tasks import (  # noqa: E402
     CaptureTheFlagConfig,
     FullConfig,

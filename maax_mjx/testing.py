@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.env import Environment
-from maax_mjx.state import State
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 
 TOLERANCE = 1e-4
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from xla_flags import quick
+from helpers.xla_flags import quick
 
 # In the environment, not jax.config, so that the processes that tests start compile alike and share what they compile.
 os.environ.setdefault("JAX_PLATFORMS", "cpu")

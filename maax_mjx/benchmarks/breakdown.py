@@ -21,7 +21,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.step import draw_actions, env_roll
 from maax_mjx.benchmarks.traces import IDLE, attribute, shares_of, trace
-from maax_mjx.checks import check_count
+from maax_mjx.common.checks import check_count
 
 REST, RESET = "the rest", "layout and reset"
 PARTS = {

@@ -25,13 +25,13 @@ import numpy as np
 import tyro
 
 import maax_mjx as maax
-from maax_mjx.base import Base
 from maax_mjx.benchmarks import record, rollouts
 from maax_mjx.benchmarks.rollouts import Figures, Protocol, Rolling
 from maax_mjx.benchmarks.step import Actions, at
-from maax_mjx.checks import check_choice, check_count
-from maax_mjx.physics import find_fault
-from maax_mjx.state import State
+from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.core.base import Base
+from maax_mjx.core.faults import find_fault
+from maax_mjx.core.state import State
 
 ENGINES = ("warp", "jax", "c", "brax", "brax-approximate")
 LIBRARIES = {"warp": "warp", "brax": "brax", "brax-approximate": "brax"}

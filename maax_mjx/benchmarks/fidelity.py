@@ -24,14 +24,14 @@ import numpy as np
 import tyro
 
 import maax_mjx as maax
-from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.step import DISTINCT, c_batch, draw_actions
-from maax_mjx.checks import check_count
+from maax_mjx.common.checks import check_count
+from maax_mjx.core.base import Base
+from maax_mjx.core.faults import AGENT_CEILING
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
 from maax_mjx.physics import check_impl
-from maax_mjx.physics.faults import AGENT_CEILING
-from maax_mjx.state import State
 
 HELD = 20
 QUANTILES = (0.5, 0.9, 0.99)

@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 import tyro
 
 from maax_mjx.benchmarks import record
-from maax_mjx.checks import check_count
+from maax_mjx.common.checks import check_count
 
 KEY = ("env", "impl", "worlds")
 PROCESS = """

@@ -21,11 +21,11 @@ import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
-from maax_mjx.checks import check_count, check_positive
+from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.core.base import Base
 from maax_mjx.wrappers.equalities import add_equality
-from maax_mjx.wrappers.grab_slots import GrabSlots
+from maax_mjx.wrappers.grabs.slots import GrabSlots
 
 AGENT, BOX = "agent0", "box0"
 PLACE = np.array([0.45, -0.05])

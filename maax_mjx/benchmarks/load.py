@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
-from maax_mjx.checks import check_count, check_positive
+from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.physics import check_impl
 
 CELLS_PER_METRE = 5

@@ -34,8 +34,8 @@ import tyro
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
-from maax_mjx.checks import check_count
-from maax_mjx.runtime import is_out_of_memory
+from maax_mjx.common.checks import check_count
+from maax_mjx.common.runtime import is_out_of_memory
 
 LARGEST = "largest"
 KEY = ("env", "impl", "asked")

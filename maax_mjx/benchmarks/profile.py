@@ -19,7 +19,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.step import draw_actions, mjx_roll
 from maax_mjx.benchmarks.traces import attribute, shares_of, trace
-from maax_mjx.checks import check_choice
+from maax_mjx.common.checks import check_choice
 
 if TYPE_CHECKING:
     from maax_mjx.physics.mjx_engine import MjxEngine

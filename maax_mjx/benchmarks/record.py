@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import jax
 from tqdm import tqdm
 
-from maax_mjx.runtime import cores
+from maax_mjx.common.runtime import cores
 
 Case = TypeVar("Case")
 R = TypeVar("R")

@@ -30,11 +30,10 @@ from maax_mjx.benchmarks.step import (
     env_roll,
     mjx_roll,
 )
-from maax_mjx.checks import check_choice, check_count, check_positive
-from maax_mjx.layout import RoomPlan
+from maax_mjx.common.checks import check_choice, check_count, check_positive
+from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel import WorldsState
-from maax_mjx.physics import World, make_engine
-from maax_mjx.runtime import is_out_of_memory
+from maax_mjx.physics import make_engine
 
 if TYPE_CHECKING:
     from maax_mjx.physics.mjx_engine import MjxEngine
@@ -213,9 +212,7 @@ def of_model(model: mujoco.MjModel, impl: str, n_worlds: int, contacts: int) -> 
         return Rolling(begin, c_roll(ids), draw, positions)
     engine = make_engine(impl, model, {}, contacts, model.neq)
     start, roll = mjx_roll(cast("MjxEngine", engine), ids)
-    # Nothing is overlaid, and an engine reads no more of a world than that.
-    world = World(fields={}, active={}, extents={}, sites={}, plan=cast(RoomPlan, None), valid=jnp.ones((), bool))
-    init = jax.jit(jax.vmap(lambda q: engine.init(world, q)))
+    init = jax.jit(jax.vmap(lambda q: engine.init({}, q)))
     return Rolling(lambda: start({}, init(jnp.tile(qpos, (n_worlds, 1)))), roll, draw, positions)
 
 

@@ -23,7 +23,7 @@ import tyro
 from tqdm import tqdm
 
 from maax_mjx.benchmarks import plots, record
-from maax_mjx.checks import check_count, check_positive
+from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.layout import Layout, poisson_disc, separation_placement
 
 POINT = "point"

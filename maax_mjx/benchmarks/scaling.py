@@ -17,7 +17,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record, rollouts
 from maax_mjx.benchmarks.ant import CONTACTS, ant
 from maax_mjx.benchmarks.rollouts import WHAT, Figures, Protocol, Rolling
-from maax_mjx.checks import check_choice, check_count
+from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.physics import check_impl
 
 SCENES = {"M": "walls", "M-none": "none", "M-limits": "limits", "Ant": ""}

@@ -25,13 +25,13 @@ from mujoco.batch import Batch
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.base import Base
 from maax_mjx.benchmarks import record
-from maax_mjx.env import Environment
+from maax_mjx.core.base import Base
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import Data, Fields
 from maax_mjx.physics.c_engine import CEngine
-from maax_mjx.state import State
 from maax_mjx.wrappers.actions import to_bins
 
 if TYPE_CHECKING:

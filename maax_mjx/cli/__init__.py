@@ -9,7 +9,6 @@ from typing import Any
 
 import tyro
 
-from maax_mjx.checks import check_choice
 from maax_mjx.cli.bench import BENCHMARKS, bench
 from maax_mjx.cli.info import Info, info
 from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
@@ -17,6 +16,7 @@ from maax_mjx.cli.options import MISTAKES, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
 from maax_mjx.cli.worlds import Sheet, sheet
+from maax_mjx.common.checks import check_choice
 from maax_mjx.tasks import tasks
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.

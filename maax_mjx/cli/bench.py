@@ -8,8 +8,8 @@ from pathlib import Path
 import tyro
 
 from maax_mjx import benchmarks
-from maax_mjx.checks import check_choice
 from maax_mjx.cli.interrupt import Interrupt
+from maax_mjx.common.checks import check_choice
 
 
 def _about() -> dict[str, str]:

@@ -14,8 +14,8 @@ import tyro
 
 import maax_mjx as maax
 from maax_mjx.cli.options import names, report
+from maax_mjx.common.runtime import cores
 from maax_mjx.physics import IMPLS, best_impl, check_impl
-from maax_mjx.runtime import cores
 from maax_mjx.viewer.gl import backends
 
 PACKAGES = (

@@ -10,7 +10,7 @@ from dataclasses import is_dataclass
 from typing import Any, Literal
 
 import maax_mjx as maax
-from maax_mjx.env import Environment
+from maax_mjx.core.env import Environment
 
 ENV = "--env."
 MISTAKES = (ValueError, OSError, maax.MissingLibraryError)

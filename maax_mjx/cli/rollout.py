@@ -14,13 +14,13 @@ import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.checks import check_count
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import make_env, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.cli.whole import whole
-from maax_mjx.env import Environment
-from maax_mjx.export import world_of
+from maax_mjx.common.checks import check_count
+from maax_mjx.core.env import Environment
+from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.physics import IMPLS
 from maax_mjx.viewer import Recording, contact_sheet

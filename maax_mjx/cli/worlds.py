@@ -10,11 +10,10 @@ from typing import Literal
 import jax
 
 import maax_mjx as maax
-from maax_mjx.checks import check_choice
 from maax_mjx.cli.options import count_of, report
-from maax_mjx.export import world_of
-from maax_mjx.layout import PlacementFn
-from maax_mjx.physics import World
+from maax_mjx.common.checks import check_choice
+from maax_mjx.core.export import world_of
+from maax_mjx.layout import PlacementFn, World
 from maax_mjx.viewer import contact_sheet
 
 Outer = Literal["walls", "limits", "none"]

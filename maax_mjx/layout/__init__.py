@@ -18,12 +18,14 @@ from maax_mjx.layout.placement import (
 )
 from maax_mjx.layout.plan import RoomPlan
 from maax_mjx.layout.poisson import poisson_disc
+from maax_mjx.layout.world import World
 
 __all__ = [
     "Grid",
     "Layout",
     "PlacementFn",
     "RoomPlan",
+    "World",
     "all_of",
     "any_of",
     "at_placement",

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.keys import hashed
+from maax_mjx.common.keys import hashed
 from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.plan import RoomPlan
 

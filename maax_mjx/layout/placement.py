@@ -13,7 +13,7 @@ from functools import reduce
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.checks import check_count, check_positive
+from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.layout.grid import apart, within
 from maax_mjx.layout.layout import Layout, PlacementFn
 

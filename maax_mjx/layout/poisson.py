@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from maax_mjx.checks import check_count, check_positive
+from maax_mjx.common.checks import check_count, check_positive
 
 CANDIDATES = 30
 MAX_ACROSS = 1000

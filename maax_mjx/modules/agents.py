@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_count, check_count_range
-from maax_mjx.layout import PlacementFn, uniform_placement
+from maax_mjx.common.checks import check_count, check_count_range
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.placed import Places
 from maax_mjx.modules.ranged import Ranged
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, Fields, Overlay, World
+from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.worldgen import Obj, ObjFromXML
 
 DIAMETER = 0.3

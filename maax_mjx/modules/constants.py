@@ -6,10 +6,10 @@ import jax
 import mujoco
 import numpy as np
 
+from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout
 from maax_mjx.modules.module import Module
 from maax_mjx.modules.ranged import Ranged
-from maax_mjx.params import DomainParams, Parameter
 from maax_mjx.physics import Overlay
 from maax_mjx.worldgen.checks import check_rgba
 

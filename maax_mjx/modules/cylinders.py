@@ -9,22 +9,15 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.layout import Layout, PlacementFn, uniform_placement
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.params import DomainParams
+from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.module import BELOW
 from maax_mjx.modules.placed import Places
 from maax_mjx.modules.ranged import Ranged
-from maax_mjx.params import DomainParams
-from maax_mjx.physics import Data, Fields, Overlay, World
-from maax_mjx.physics.overlay import (
-    BOX_FIELDS,
-    SIZE_FIELDS,
-    cylinder_inertia,
-    mass_rows,
-    set_cylinders,
-    set_masses,
-    with_rows,
-)
+from maax_mjx.physics import Data, Fields, Overlay
+from maax_mjx.physics.overlay import BOX_FIELDS, SIZE_FIELDS, cylinder_inertia, mass_rows, set_cylinders, set_masses
 from maax_mjx.worldgen import Floor, Geom, Obj
 
 MASS = 1.0

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_count_range
-from maax_mjx.keys import draw_integer
-from maax_mjx.params import DomainParams, Parameter
+from maax_mjx.common.checks import check_count_range
+from maax_mjx.common.keys import draw_integer
+from maax_mjx.common.params import DomainParams, Parameter
 
 LONG, THIN = 3.3, 0.3
 """How much longer and thinner an elongated object is than a square one: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.layout import Layout, PlacementFn
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.placed import Placed, Places
 from maax_mjx.modules.ranged import Ranged
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, Fields, Overlay, World
-from maax_mjx.physics.overlay import with_rows
+from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.worldgen import Floor, Obj
 
 

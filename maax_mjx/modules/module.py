@@ -7,9 +7,9 @@ from typing import ClassVar
 import jax
 import mujoco
 
-from maax_mjx.layout import Layout
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, Overlay, World
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import Layout, World
+from maax_mjx.physics import Data, Overlay
 from maax_mjx.worldgen import Floor
 
 BELOW = -10.0

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.layout import PlacementFn, uniform_placement
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import PlacementFn, World, uniform_placement
 from maax_mjx.modules.elongated import Elongated
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.placed import Places
 from maax_mjx.modules.ranged import Ranged
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, Fields, Overlay, World
+from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.physics.overlay import SIZE_FIELDS, box_inertia, mass_rows, set_boxes, set_masses
 from maax_mjx.worldgen import Geom, Obj, Wedge
 

@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from maax_mjx.checks import check_count_range, check_per_object
-from maax_mjx.layout import Layout, PlacementFn
+from maax_mjx.common.checks import check_count_range, check_per_object
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.module import Module
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import World
 
 
 class Places(struct.PyTreeNode):

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import FloatRange, check_range
-from maax_mjx.keys import named_key
-from maax_mjx.params import DomainParams, Parameter
+from maax_mjx.common.checks import FloatRange, check_range
+from maax_mjx.common.keys import named_key
+from maax_mjx.common.params import DomainParams, Parameter
 
 
 class Ranged:

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_positive
-from maax_mjx.layout import Layout, PlacementFn, uniform_placement
+from maax_mjx.common.checks import check_positive
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.layout.grid import within
 from maax_mjx.modules.elongated import Elongated
 from maax_mjx.modules.module import BELOW
 from maax_mjx.modules.placed import Placed, Places
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, World
+from maax_mjx.physics import Data
 
 CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) / 2
 

@@ -9,18 +9,19 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_choice, check_count, check_count_range, check_fraction
-from maax_mjx.keys import draw_integer
-from maax_mjx.layout import Layout
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.checks import check_choice, check_count, check_count_range, check_fraction
+from maax_mjx.common.keys import draw_integer
+from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.layout import Layout, World
 from maax_mjx.layout import walls as wall_layout
 from maax_mjx.layout.grid import JAMMING
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.layout.scenarios import RANDOM, SCENARIOS, Rooms, random_rooms, with_doors
 from maax_mjx.modules.module import BELOW, Module
 from maax_mjx.modules.ranged import Ranged
-from maax_mjx.params import DomainParams, Parameter
-from maax_mjx.physics import Data, Overlay, World
-from maax_mjx.physics.overlay import BOX_FIELDS, set_boxes, with_rows
+from maax_mjx.physics import Data, Overlay
+from maax_mjx.physics.overlay import BOX_FIELDS, set_boxes
 from maax_mjx.worldgen import Floor, Geom
 
 OUTER_HEIGHT = 4.0

@@ -13,7 +13,7 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from maax_mjx.checks import check_count, check_not_donated
+from maax_mjx.common.checks import check_count, check_not_donated
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.shards import AXIS
 from maax_mjx.parallel.worlds import Worlds

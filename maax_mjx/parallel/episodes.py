@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.env import Environment
-from maax_mjx.params import DomainParams
-from maax_mjx.state import FIELDS, State, plain
+from maax_mjx.common.params import DomainParams
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import FIELDS, State, plain
 
 LEAST_CHUNK, CHUNKS = 64, 16
 """Next episodes are drawn in chunks of a sixteenth of the worlds, but not of fewer than 64."""

@@ -8,10 +8,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.env import Environment
+from maax_mjx.common.spaces import check_action
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import plain
 from maax_mjx.parallel.episodes import WorldsState, advance
-from maax_mjx.spaces import check_action
-from maax_mjx.state import plain
 
 Policy = Callable[..., Any]
 """`(state, key, *args) -> action`: of one world, its `State`, a key for this world and step, and what the rollout was

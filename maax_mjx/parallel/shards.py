@@ -12,7 +12,7 @@ import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from maax_mjx.checks import check_choice, is_traced
+from maax_mjx.common.checks import check_choice, is_traced
 
 AXIS = "worlds"
 METHODS = ("jit", "pmap", "shard_map")

@@ -11,14 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_bool, check_count, check_key, check_not_donated, is_traced
-from maax_mjx.env import Environment, check_environment
+from maax_mjx.common.checks import check_bool, check_count, check_key, check_not_donated, is_traced
+from maax_mjx.common.params import DomainParams, check_params
+from maax_mjx.common.runtime import is_out_of_memory, quick_compilation
+from maax_mjx.common.spaces import check_action
+from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.rollout import Policy, check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
-from maax_mjx.params import DomainParams, check_params
-from maax_mjx.runtime import is_out_of_memory, quick_compilation
-from maax_mjx.spaces import check_action
 
 ROLLOUTS = 16
 """How many different rollouts stay compiled."""

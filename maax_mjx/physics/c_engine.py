@@ -19,7 +19,7 @@ from mujoco.batch import Batch, SimulationError
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.engine import STATE, Engine
-from maax_mjx.physics.world import Overlay, World
+from maax_mjx.physics.fields import Fields, Overlay
 
 ADVANCED = ("time", "qpos", "qvel", "qacc_warmstart")
 INPUTS = (*STATE, "eq_active")
@@ -89,10 +89,10 @@ class CEngine(Engine):
         out = super().exact(data)
         return out | {name: out[name] + part for name, part in zip(ADVANCED, rest, strict=True)}
 
-    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         state = {name: getattr(data, name) for name in INPUTS}
         rest = self._carried(data)
-        fields = {name: world.fields[name] for name in self.overlay}
+        fields = {name: fields[name] for name in self.overlay}
         results = {name: jax.ShapeDtypeStruct(state[name].shape, state[name].dtype) for name in ADVANCED}
         results["engine"] = jax.ShapeDtypeStruct(rest.shape, rest.dtype)
         results["full"] = jax.ShapeDtypeStruct((), bool)
@@ -139,8 +139,8 @@ class CEngine(Engine):
             ids = wild[start : start + AGAIN]
             filled = np.resize(ids, AGAIN)
             new = {name: values[filled] for name, values in out.items()}
-            before, world = ({name: values[filled] for name, values in part.items()} for part in (state, fields))
-            host.step(new, before, world, rest[filled], n)
+            before, rows = ({name: values[filled] for name, values in part.items()} for part in (state, fields))
+            host.step(new, before, rows, rest[filled], n)
             for name, values in new.items():
                 out[name][ids] = values[: len(ids)]
         self._careful.append(host)

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from maax_mjx.physics.data import Data
+from maax_mjx.physics.fields import Fields, Overlay
 from maax_mjx.physics.gradients import not_differentiable
-from maax_mjx.physics.world import Overlay, World
 
 STATE = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "xfrc_applied")
 """The fields of `Data` that a step starts from, besides `eq_active`."""
@@ -51,9 +51,9 @@ class Engine(ABC):
         """
         return
 
-    def init(self, world: World, qpos: jax.Array) -> Data:
+    def init(self, fields: Fields, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""
-        data = self.pose(world, self.mjx.rest(qpos))
+        data = self.pose(fields, self.mjx.rest(qpos))
         return data.replace(engine=self.carry(data))
 
     def carry(self, data: Data) -> Any:
@@ -64,15 +64,15 @@ class Engine(ABC):
         """What the engine carries, for a world that begins `anew` () or goes on."""
         return carried
 
-    def pose(self, world: World, data: Data) -> Data:
+    def pose(self, fields: Fields, data: Data) -> Data:
         """The state with the poses that belong to its qpos."""
-        return self.mjx.kinematics(world, data)
+        return self.mjx.kinematics(fields, data)
 
     def exact(self, data: Data) -> dict[str, np.ndarray]:
         """The state's time, qpos, qvel, ctrl, qacc_warmstart and xfrc_applied as the engine knows them, flat. Host."""
         return {name: np.ravel(getattr(data, name)).astype(float) for name in STATE}
 
-    def advance(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def advance(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         """Advances a world by `n_frames` physics steps under constant controls and forces.
 
         Returns:
@@ -83,12 +83,12 @@ class Engine(ABC):
             NotDifferentiableError: where it is differentiated and the engine has no derivatives.
         """
         with jax.named_scope("physics"):
-            return self._compiled(world, data, n_frames)
+            return self._compiled(fields, data, n_frames)
 
     @abstractmethod
-    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         """What `advance` does, uncompiled and without regard to derivatives."""
 
-    def _differentiable_step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def _differentiable_step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         message = f"impl={self.impl!r} has no derivatives; make the environment with impl='jax'"
-        return not_differentiable(lambda world, data: self.step(world, data, n_frames), message)(world, data)
+        return not_differentiable(lambda fields, data: self.step(fields, data, n_frames), message)(fields, data)

@@ -10,10 +10,10 @@ from mujoco import mjx
 
 from maax_mjx.physics import newton
 from maax_mjx.physics.data import Data
+from maax_mjx.physics.fields import Fields, Overlay
 from maax_mjx.physics.gradients import with_jacobian
 from maax_mjx.physics.mjx_engine import MjxEngine
 from maax_mjx.physics.mjx_model import state_of
-from maax_mjx.physics.world import Fields, Overlay, World
 
 STARTS = ("qpos", "qvel", "ctrl", "xfrc_applied")
 """What a step is differentiable in."""
@@ -57,12 +57,12 @@ class JaxEngine(MjxEngine):
             )
         return model
 
-    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         def frame(data: Data, _: None) -> tuple[Data, jax.Array]:
             # Poses and what else the engine does not read have derivatives of their own: they stay outside.
             starts = {name: getattr(data, name) for name in STARTS}
             fixed = {name: getattr(data, name) for name in ("time", "qacc_warmstart", "eq_active")}
-            moved, (rest, overflow) = self._frame_with_jacobian(starts, (world.fields, jax.lax.stop_gradient(fixed)))
+            moved, (rest, overflow) = self._frame_with_jacobian(starts, (fields, jax.lax.stop_gradient(fixed)))
             return data.replace(**moved, **rest), overflow
 
         if n_frames == 1:
@@ -70,8 +70,8 @@ class JaxEngine(MjxEngine):
         data, overflow = jax.lax.scan(frame, data, length=n_frames)
         return data, overflow.any()
 
-    def _differentiable_step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        return self.step(world, data, n_frames)
+    def _differentiable_step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        return self.step(fields, data, n_frames)
 
     def mjx_model(self, fields: Fields) -> mjx.Model:
         return self.mjx.overlay(fields)

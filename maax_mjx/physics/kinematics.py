@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.world import Overlay, World
+from maax_mjx.physics.fields import Fields, Overlay
 
 SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 CHAIN = ([SLIDE, SLIDE, SLIDE, HINGE], [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
@@ -57,7 +57,7 @@ class UprightKinematics:
                 return False
         return bool((model.body_quat == [1, 0, 0, 0]).all())
 
-    def __call__(self, world: World, data: Data) -> Data:
+    def __call__(self, fields: Fields, data: Data) -> Data:
         """The state with the poses that belong to its qpos."""
         q = jnp.append(data.qpos, 0.0)
         xpos = self._offset + q[self._slides]
@@ -67,7 +67,7 @@ class UprightKinematics:
         cos, sin = jnp.cos(yaw)[self._geom_body, None], jnp.sin(yaw)[self._geom_body, None]
         local = jnp.asarray(self._geom_pos)
         if self._geom_rows.size:
-            local = local.at[self._geom_rows].set(world.fields["geom_pos"])
+            local = local.at[self._geom_rows].set(fields["geom_pos"])
         x, y, z = local[:, :1], local[:, 1:2], local[:, 2:]
         turned = jnp.concatenate([cos * x - sin * y, sin * x + cos * y, z], axis=1)
         return data.replace(

@@ -8,7 +8,7 @@ from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.engine import Engine
-from maax_mjx.physics.world import Fields
+from maax_mjx.physics.fields import Fields
 
 
 class MjxEngine(Engine):

@@ -13,8 +13,8 @@ import numpy as np
 from mujoco import mjx
 
 from maax_mjx.physics.data import Data
+from maax_mjx.physics.fields import Fields, Overlay
 from maax_mjx.physics.kinematics import UprightKinematics
-from maax_mjx.physics.world import Fields, Overlay, World
 
 
 def put_on_host(tree: Any) -> Any:
@@ -67,16 +67,16 @@ class MjxModel:
         """An mjx.Data with a state in it; see `state_of`."""
         return jax.tree.map(jnp.asarray, self._data).replace(**state)
 
-    def kinematics(self, world: World, data: Data) -> Data:
+    def kinematics(self, fields: Fields, data: Data) -> Data:
         """The state with the poses that belong to its qpos."""
         if self._upright is not None:
-            return self._upright(world, data)
-        d = mjx.kinematics(self.overlay(world.fields), self.data(state_of(data)))
+            return self._upright(fields, data)
+        d = mjx.kinematics(self.overlay(fields), self.data(state_of(data)))
         return data.replace(xpos=d.xpos, xquat=d.xquat, geom_xpos=d.geom_xpos, geom_xmat=d.geom_xmat)
 
-    def velocities(self, world: World, data: Data) -> dict[str, jax.Array]:
+    def velocities(self, fields: Fields, data: Data) -> dict[str, jax.Array]:
         """The spatial motion of bodies and joints (`cvel`, `cdof_dot`) that belongs to the state's qpos and qvel."""
-        model, d = self.overlay(world.fields), self.data(state_of(data))
+        model, d = self.overlay(fields), self.data(state_of(data))
         for stage in (mjx.kinematics, mjx.com_pos, mjx.com_vel):
             d = stage(model, d)
         return {"cvel": d.cvel, "cdof_dot": d.cdof_dot}

@@ -8,19 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.physics.world import Fields, Overlay
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.physics.fields import Fields, Overlay
 
 SIZE_FIELDS = ("geom_size", "geom_rbound", "geom_aabb")
 BOX_FIELDS = ("geom_pos", *SIZE_FIELDS)
 BODY_FIELDS = ("body_mass", "body_inertia", "body_subtreemass", "body_invweight0")
 DOF_FIELDS = ("dof_M0", "dof_invweight0")
-
-
-def with_rows(array: jax.Array, rows: np.ndarray, values: jax.Array) -> jax.Array:
-    """`array.at[rows].set(values)` as a gather: on a CPU a scatter is a loop, slower to run and to compile."""
-    source = np.arange(len(array))
-    source[rows.ravel()] = len(array) + np.arange(rows.size)
-    return jnp.concatenate([array, values.astype(array.dtype).reshape(rows.size, *array.shape[1:])])[source]
 
 
 def mass_rows(bodies: np.ndarray, dofs: np.ndarray) -> Overlay:

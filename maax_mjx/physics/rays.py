@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.physics.data import Data
-from maax_mjx.physics.world import Overlay, World
+from maax_mjx.physics.fields import Fields, Overlay
 
 BOX, SPHERE = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_SPHERE)
 CYLINDER, MESH = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_MESH)
@@ -43,12 +43,12 @@ class Rays:
         self._planes = _stacked([_hull_planes(model, mesh) for mesh in meshes])
 
     def cast(
-        self, world: World, data: Data, origin: jax.Array, direction: jax.Array, without: np.ndarray
+        self, fields: Fields, data: Data, origin: jax.Array, direction: jax.Array, without: np.ndarray
     ) -> tuple[jax.Array, jax.Array]:
         """The nearest hit of every ray.
 
         Args:
-            world: the world.
+            fields: the world's overlaid fields.
             data: its state, with the poses that belong to it.
             origin: (n, 3) metres.
             direction: (n, m, 3) of unit length: m rays from every origin.
@@ -60,7 +60,7 @@ class Rays:
         """
         size = jnp.asarray(self._size, origin.dtype)
         if self._size_rows.size:
-            size = size.at[self._size_rows].set(world.fields["geom_size"])
+            size = size.at[self._size_rows].set(fields["geom_size"])
         intervals = [self._through(kind, ids, size, data, origin, direction) for kind, ids in self._ids.items()]
         if not intervals:
             shape = direction.shape[:2]

@@ -7,9 +7,9 @@ from importlib.util import find_spec
 import jax
 import mujoco
 
+from maax_mjx.common.runtime import import_mjx
 from maax_mjx.physics.engine import Engine
-from maax_mjx.physics.world import Overlay
-from maax_mjx.runtime import import_mjx
+from maax_mjx.physics.fields import Overlay
 
 
 class MissingLibraryError(RuntimeError):

@@ -10,9 +10,9 @@ from mujoco import mjx
 from mujoco.mjx.third_party.mujoco_warp import OverflowType
 
 from maax_mjx.physics.data import Data
+from maax_mjx.physics.fields import Fields, Overlay
 from maax_mjx.physics.mjx_engine import MjxEngine
 from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of
-from maax_mjx.physics.world import Fields, Overlay, World
 
 CONTACTS_LOST = int(
     OverflowType.NEFC | OverflowType.NJMAX_NNZ | OverflowType.BROADPHASE | OverflowType.NARROWPHASE | OverflowType.CCD
@@ -59,25 +59,25 @@ class WarpEngine(MjxEngine):
         # Overflow would be printed from the device; `step` reports it.
         self._model = self._model.tree_replace({"opt._impl.warn_overflow": 0})
 
-    def step(self, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+    def step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         @jax.custom_batching.custom_vmap
-        def run(world: World, data: Data) -> tuple[Data, jax.Array]:
+        def run(fields: Fields, data: Data) -> tuple[Data, jax.Array]:
             n_worlds = data.time.shape[0]
-            return jax.vmap(lambda w, d: self._frames(n_worlds, w, d, n_frames))(world, data)
+            return jax.vmap(lambda f, d: self._frames(n_worlds, f, d, n_frames))(fields, data)
 
         @run.def_vmap
-        def mapped(axis_size: int, is_mapped: tuple, world: World, data: Data) -> tuple:
+        def mapped(axis_size: int, is_mapped: tuple, fields: Fields, data: Data) -> tuple:
             """Merges the mapped axis with the batch axis, so that all worlds are stepped together."""
 
             def merge(x: jax.Array, x_mapped: bool) -> jax.Array:
                 x = x if x_mapped else jnp.broadcast_to(x, (axis_size, *x.shape))
                 return x.reshape(x.shape[0] * x.shape[1], *x.shape[2:])
 
-            out = run(*jax.tree.map(merge, (world, data), tuple(is_mapped)))
+            out = run(*jax.tree.map(merge, (fields, data), tuple(is_mapped)))
             out = jax.tree.map(lambda x: x.reshape(axis_size, x.shape[0] // axis_size, *x.shape[1:]), out)
             return out, jax.tree.map(lambda _: True, out)
 
-        batch = jax.tree.map(lambda x: x[None], (world, data))
+        batch = jax.tree.map(lambda x: x[None], (fields, data))
         return jax.tree.map(lambda x: x[0], run(*batch))
 
     def mjx_model(self, fields: Fields) -> mjx.Model:
@@ -97,8 +97,8 @@ class WarpEngine(MjxEngine):
         # Poses of geoms on the world body are computed by make_data alone, where the overlay is not known yet.
         return template.replace(_impl=impl, **state_of(data), geom_xpos=data.geom_xpos, geom_xmat=data.geom_xmat)
 
-    def _frames(self, n_worlds: int, world: World, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        model = self.mjx_model(world.fields)
+    def _frames(self, n_worlds: int, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
+        model = self.mjx_model(fields)
 
         def state(d: mjx.Data) -> Data:
             return data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart)
@@ -107,7 +107,7 @@ class WarpEngine(MjxEngine):
             d = d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int)))
             if self._needs_velocities:
                 # Warp builds its constraints first: connects and welds would read the last step's velocities in space.
-                d = d.replace(**self.mjx.velocities(world, state(d)))
+                d = d.replace(**self.mjx.velocities(fields, state(d)))
             d = self.mjx_step(model, d)
             return d, (d._impl.overflow & CONTACTS_LOST) != 0
 

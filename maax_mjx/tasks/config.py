@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
-from maax_mjx.checks import check_choice
+from maax_mjx.common.checks import check_choice
 
 C = TypeVar("C")
 

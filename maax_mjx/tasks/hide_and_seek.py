@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from maax_mjx.checks import check_bool
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_bool
+from maax_mjx.core.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, Range, standard
 from maax_mjx.worldgen import WorldParams

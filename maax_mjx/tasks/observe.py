@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.checks import check_choice
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_choice
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
-from maax_mjx.state import State
 from maax_mjx.wrappers import (
     FlattenObservations,
     GrabObjects,

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import jax
 
-from maax_mjx.checks import check_choice, check_key
-from maax_mjx.env import Environment
-from maax_mjx.params import DomainParams
-from maax_mjx.spaces import check_action
-from maax_mjx.state import State
+from maax_mjx.common.checks import check_choice, check_key
+from maax_mjx.common.params import DomainParams
+from maax_mjx.common.spaces import check_action
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.tasks.config import override
 
 

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.env import Environment
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.layout import Layout
 from maax_mjx.layout.grid import within
 from maax_mjx.layout.placement import requires_quadrant
-from maax_mjx.state import State
 from maax_mjx.tasks import scripted
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
 from maax_mjx.tasks.registry import make
@@ -105,7 +105,7 @@ def over_the_wall(impl: str = "auto") -> Scene:
         x = jax.random.uniform(key, minval=3.8, maxval=5.2)
         qpos = state.data.qpos.at[ramp].set(jnp.stack([x, wall + 0.31, 0.25, 0.0]))
         qpos = qpos.at[seeker].set(jnp.stack([x, wall + 1.5, 0.15, 0.0]))
-        return state.replace(data=base.engine.pose(state.world, state.data.replace(qpos=qpos)))
+        return state.replace(data=base.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
 
     def act(state: State) -> dict[str, Any]:
         here = state.data.xpos[base.agents.body_ids[SEEKER], :2]

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 from gymnasium import spaces
 
-from maax_mjx.env import Environment
-from maax_mjx.state import State
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.wrappers.actions import to_bins
 
 PASSING = 0.35

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from maax_mjx.base import Base
-from maax_mjx.checks import check_choice, check_count_range
+from maax_mjx.common.checks import check_choice, check_count_range
+from maax_mjx.core.base import Base
 from maax_mjx.layout import (
     PlacementFn,
     outside_quad_placement,

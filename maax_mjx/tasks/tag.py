@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from maax_mjx.env import Environment
+from maax_mjx.core.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, standard
 from maax_mjx.wrappers import AgentAgentContactMask2D, Tag, TeamMembership

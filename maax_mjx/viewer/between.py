@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from maax_mjx.state import State
+from maax_mjx.core.state import State
 from maax_mjx.viewer.film import Film
 
 LONGEST = 0.2

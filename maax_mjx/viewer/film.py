@@ -9,10 +9,10 @@ import jax
 import numpy as np
 from flax import struct
 
-from maax_mjx.checks import check_not_donated
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_not_donated
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.parallel import WorldsState
-from maax_mjx.state import State
 
 KEPT = ("data", "world", "reward", "step", "mechanics")
 Picked = int | Sequence[int] | None

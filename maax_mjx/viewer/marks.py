@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, TypeVar
 import jax
 import numpy as np
 
-from maax_mjx.checks import check_bool
+from maax_mjx.common.checks import check_bool
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities, Flags, Ramps
-from maax_mjx.state import State
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.palette import Colour, blend
 from maax_mjx.viewer.scene import UPRIGHT, Label, Line, Lock, Part, Shape, turned, up

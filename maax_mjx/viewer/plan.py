@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
-from maax_mjx.env import Environment
-from maax_mjx.state import State
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.scene import Frame, Line, Lock, Part, furthest, grid_of
 from maax_mjx.viewer.stage import Stage

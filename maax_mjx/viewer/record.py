@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from maax_mjx.checks import check_count, check_key
+from maax_mjx.common.checks import check_count, check_key
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.parallel.rollout import Policy
 from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, pick

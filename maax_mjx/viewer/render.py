@@ -12,8 +12,8 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from maax_mjx.checks import check_choice, check_count, check_path, check_positive
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_choice, check_count, check_path, check_positive
+from maax_mjx.core.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.camera import place_camera

@@ -11,8 +11,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.checks import check_bool, check_count, check_path, check_positive
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_bool, check_count, check_path, check_positive
+from maax_mjx.core.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.between import smooth

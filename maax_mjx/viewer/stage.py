@@ -7,9 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.env import Environment, check_environment
+from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
-from maax_mjx.state import State
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.marks import Marks
 from maax_mjx.viewer.palette import Colour, blend

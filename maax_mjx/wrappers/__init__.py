@@ -1,10 +1,10 @@
 """The game: what agents are told, what they may do, what they are rewarded for."""
 
 from maax_mjx.wrappers.actions import DiscretizeActions
+from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
-from maax_mjx.wrappers.flags import CaptureTheFlag
-from maax_mjx.wrappers.grabs import GrabObjects
-from maax_mjx.wrappers.locks import LockObjects
+from maax_mjx.wrappers.grabs.wrapper import GrabObjects
+from maax_mjx.wrappers.locks.wrapper import LockObjects
 from maax_mjx.wrappers.masks import MaskActions, MaskUnseenAction
 from maax_mjx.wrappers.observations import (
     ConcatenateObservations,

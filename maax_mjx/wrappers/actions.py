@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.checks import check_count
-from maax_mjx.env import Environment
-from maax_mjx.spaces import check_action
-from maax_mjx.state import State
+from maax_mjx.common.checks import check_count
+from maax_mjx.common.spaces import check_action
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.wrappers.wrapper import ActionWrapper
 
 

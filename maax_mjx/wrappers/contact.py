@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from maax_mjx.checks import check_positive
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_positive
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.modules.agents import DIAMETER
-from maax_mjx.state import State
 from maax_mjx.wrappers.wrapper import StateWrapper
 
 TOUCH = DIAMETER + 1e-3

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.limits import SOLIMP, SOLREF
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.core.arena_limits import SOLIMP, SOLREF
+from maax_mjx.core.state import State
 from maax_mjx.physics import Overlay
-from maax_mjx.physics.overlay import with_rows
-from maax_mjx.state import State
 
 WIDTH = mujoco.mjNEQDATA
 

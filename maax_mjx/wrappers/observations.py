@@ -8,11 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_choice, check_count
-from maax_mjx.env import Environment
-from maax_mjx.state import State
+from maax_mjx.common.arrays import shown
+from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.wrappers.teams import TeamMembership
-from maax_mjx.wrappers.wrapper import ObservationWrapper, shown
+from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 
 class SplitObservations(ObservationWrapper):

@@ -8,13 +8,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.checks import check_bool
-from maax_mjx.env import Environment
-from maax_mjx.params import DomainParams
-from maax_mjx.state import State
+from maax_mjx.common.arrays import null_rows
+from maax_mjx.common.checks import check_bool
+from maax_mjx.common.params import DomainParams
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.teams import SEEKERS, TeamMembership
-from maax_mjx.wrappers.wrapper import Wrapper, layers, null_rows
+from maax_mjx.wrappers.wrapper import Wrapper, layers
 
 
 class PreparationPhase(Wrapper):

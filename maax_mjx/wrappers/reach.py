@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_bool
+from maax_mjx.common.checks import check_bool
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
 from maax_mjx.physics.rotation import conjugate, rotate
-from maax_mjx.state import State
 from maax_mjx.wrappers.senses import LineOfSight
 from maax_mjx.wrappers.wrapper import Wrapper
 

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_bool, check_choice, check_positive
-from maax_mjx.env import Environment
+from maax_mjx.common.checks import check_bool, check_choice, check_positive
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
-from maax_mjx.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.senses import LineOfSight

@@ -9,13 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.checks import check_choice, check_count, check_positive
-from maax_mjx.env import Environment
+from maax_mjx.common.arrays import null_rows
+from maax_mjx.common.checks import check_choice, check_count, check_positive
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
 from maax_mjx.physics.rays import Rays
-from maax_mjx.state import State
 from maax_mjx.wrappers.preparation import PreparationPhase
-from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper, null_rows
+from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper
 
 CONE = 3 * np.pi / 4
 FRAMES = ("world", "agent")
@@ -91,7 +92,7 @@ class LineOfSight(_Senses):
         turn = jnp.arctan2(to[..., 1], to[..., 0]) - heading[:, None]
         turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
         direction = to / jnp.maximum(away, 1e-6)[..., None]
-        _, geom = self._rays.cast(state.world, state.data, eyes, direction, self.base.agents.body_ids)
+        _, geom = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
         met = jnp.asarray(self.base.model.geom_bodyid)[geom]
         there = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         itself = bodies == self.base.agents.body_ids[:, None]
@@ -145,7 +146,7 @@ class Lidar(_Senses, ObservationWrapper):
         angle = angle + heading[:, None] * (self.frame == "agent")
         direction = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)], axis=-1)
         direction = jnp.broadcast_to(direction, (len(eyes), self.n_rays, 3))
-        distance, _ = self._rays.cast(state.world, state.data, eyes, direction, self.base.agents.body_ids)
+        distance, _ = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
         return direction, jnp.minimum(distance, self.range)
 
     def observation(self, state: State) -> dict[str, jax.Array]:

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from maax_mjx.env import Environment
+from maax_mjx.common.params import DomainParams
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
-from maax_mjx.params import DomainParams
-from maax_mjx.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
-from maax_mjx.wrappers.locks import LockObjects
+from maax_mjx.wrappers.locks.wrapper import LockObjects
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import StateWrapper, find

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.checks import check_count, check_positive
-from maax_mjx.env import Environment
-from maax_mjx.keys import draw_one
-from maax_mjx.params import DomainParams
-from maax_mjx.state import State
+from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.keys import draw_one
+from maax_mjx.common.params import DomainParams
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import RestrictAgentsRect

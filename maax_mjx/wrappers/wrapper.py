@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any, ClassVar, TypeVar
 
 import jax
-import jax.numpy as jnp
 from gymnasium import spaces
 
-from maax_mjx.base import Base
-from maax_mjx.env import Environment, check_environment
-from maax_mjx.params import DomainParams
-from maax_mjx.state import State
+from maax_mjx.common.arrays import null_rows
+from maax_mjx.common.params import DomainParams
+from maax_mjx.core.base import Base
+from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.state import State
 
 W = TypeVar("W", bound="Wrapper")
 
@@ -159,13 +159,3 @@ def layers(env: Environment) -> list[Wrapper]:
 def find(env: Environment, kind: type[W]) -> W | None:
     """The outermost wrapper of a kind, if there is one."""
     return next((layer for layer in layers(env) if isinstance(layer, kind)), None)
-
-
-def null_rows(arrays: dict[str, jax.Array], who: jax.Array) -> dict[str, jax.Array]:
-    """Arrays (n_agents, ...) with zeros for agents `who`."""
-    return {name: shown(x, ~who) for name, x in arrays.items()}
-
-
-def shown(array: jax.Array, mask: jax.Array) -> jax.Array:
-    """An array with zeros where a mask over its leading axes is false."""
-    return jnp.where(mask.reshape(*mask.shape, *[1] * (array.ndim - mask.ndim)), array, jnp.zeros_like(array))

@@ -1,0 +1,1 @@
+"""What every room may use: checks, keys, parameters, spaces, arrays, the JAX runtime."""

@@ -1,0 +1,89 @@
+"""Gymnasium spaces from and for JAX arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.common.checks import is_traced
+
+
+def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
+    """The space of a dict of arrays or shapes: bool is MultiBinary, everything else an unbounded Box."""
+
+    def one(x: Any) -> spaces.Space:
+        if x.dtype == bool:
+            return spaces.MultiBinary(x.shape)
+        return spaces.Box(-np.inf, np.inf, x.shape, np.dtype(x.dtype))
+
+    return spaces.Dict({name: one(x) for name, x in sorted(tree.items())})
+
+
+def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
+    """A uniform sample of a dict of bounded boxes, bins and binaries, under jit too."""
+    out = {}
+    for k, (name, sub) in zip(jax.random.split(key, len(space.spaces)), space.spaces.items(), strict=True):
+        if isinstance(sub, spaces.Box):
+            out[name] = jax.random.uniform(k, sub.shape, jnp.float32, sub.low, sub.high)
+        elif isinstance(sub, spaces.MultiDiscrete):
+            out[name] = jax.random.randint(k, sub.shape, 0, jnp.asarray(sub.nvec))
+        elif isinstance(sub, spaces.MultiBinary):
+            out[name] = jax.random.bernoulli(k, shape=sub.shape).astype(jnp.int8)
+        else:
+            raise NotImplementedError(f"sampling from {type(sub).__name__}")
+    return out
+
+
+def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) -> None:
+    """Refuses an action of other names, shapes or kinds than the space's.
+
+    Outside traced code it refuses NaN too, and bins and binaries out of their range.
+
+    Args:
+        space: the action space of one world.
+        action: the action, with leading axes `lead`.
+
+    Raises:
+        ValueError: naming the part of the action that is wrong.
+    """
+    if not isinstance(action, Mapping):
+        got = "an array" if isinstance(action, jax.Array) else type(action).__name__
+        raise ValueError(f"action: got {got}; takes a dict with {sorted(space.spaces)}")
+    if set(action) != set(space.spaces):
+        raise ValueError(f"action: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
+    for name, sub in space.spaces.items():
+        if not hasattr(action[name], "dtype") and isinstance(action[name], str):
+            raise ValueError(f"action: {name!r} is {action[name]!r}; takes an array")
+        want = (*lead, *(sub.shape or ()))
+        if jnp.shape(action[name]) != want:
+            raise ValueError(f"action: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
+        whole = isinstance(sub, spaces.MultiDiscrete)
+        dtype = jnp.result_type(action[name])
+        if whole and not jnp.issubdtype(dtype, jnp.integer):
+            raise ValueError(f"action: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
+        for part in [] if is_traced(action[name]) else _on_host(action[name]):
+            if np.isnan(part).any():
+                raise ValueError(f"action: {name!r} holds NaN; takes {_takes(sub)}")
+            if not isinstance(sub, spaces.Box) and ((part < 0) | (part > _most(sub))).any():
+                raise ValueError(f"action: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
+
+
+def _most(space: spaces.Space) -> int:
+    """The greatest number of bins or binaries; all bins are of one size."""
+    return int(space.nvec.flat[0]) - 1 if isinstance(space, spaces.MultiDiscrete) else 1
+
+
+def _takes(space: spaces.Space) -> str:
+    return "numbers in [-1, 1]" if isinstance(space, spaces.Box) else f"whole numbers from 0 to {_most(space)}"
+
+
+def _on_host(x: Any) -> list[np.ndarray]:
+    """An array on the host, or of one that spans several processes, the parts that are here."""
+    if isinstance(x, jax.Array) and not x.is_fully_addressable:
+        return [np.asarray(part.data) for part in x.addressable_shards]
+    return [np.asarray(x)]

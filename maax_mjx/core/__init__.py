@@ -1,0 +1,1 @@
+"""Environments: what they are, how modules make one, what a state is."""

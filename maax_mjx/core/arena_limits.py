@@ -1,0 +1,82 @@
+"""The arena's edge as joint ranges (`outer="limits"`): it is closed without a single contact.
+
+An entity's slides along x and y end where its bounding box, as it is turned, meets the edge of the floor. The ranges
+are data of the world, written anew after every step, since boxes turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.layout import World
+from maax_mjx.modules import Entities
+from maax_mjx.modules.placed import turned_extents
+from maax_mjx.physics import Data, Overlay
+
+AXES = ("x", "y")
+FAR = 1e3
+SOLREF, SOLIMP = (0.01, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+"""As stiff as a step of 5 ms allows: a lock gives 0.2 mm under 200 N, where MuJoCo's defaults give 4 mm and more."""
+
+
+def limit_joint(joint: mujoco.MjsJoint) -> None:
+    """Gives a joint a stiff range, wide open until data closes it."""
+    joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    joint.range = (-FAR, FAR)
+    joint.solref_limit, joint.solimp_limit = SOLREF, SOLIMP
+
+
+class ArenaLimits:
+    """Joint ranges of an environment's movable entities.
+
+    Args:
+        entities: their modules; none with free joints, which have no range.
+        timestep: of the physics, in seconds.
+    """
+
+    def __init__(self, entities: Sequence[Entities], timestep: float):
+        self.entities = list(entities)
+        self.timestep = timestep
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Gives the joints ranges; what they are is data."""
+        for name in self._joint_names():
+            limit_joint(spec.joint(name))
+
+    def joint_ids(self, model: mujoco.MjModel) -> np.ndarray:
+        """(2 n,): x and y of every entity in turn."""
+        self._ids = np.array([model.joint(name).id for name in self._joint_names()], int)
+        return self._ids
+
+    def write(self, world: World, data: Data, overlay: Overlay) -> World:
+        """The world with the ranges in it that belong to its state; after `joint_ids`."""
+        ranges = world.fields["jnt_range"]
+        rows = np.searchsorted(overlay["jnt_range"], self._ids)
+        # A closed range is a lock, and stays.
+        locked = (ranges[rows, 0] == ranges[rows, 1])[:, None]
+        new = jnp.where(locked, ranges[rows], self._ranges(world, data))
+        return world.replace(fields=world.fields | {"jnt_range": with_rows(ranges, rows, new)})
+
+    def _ranges(self, world: World, data: Data) -> jax.Array:
+        """(2 n, 2) metres, in the order of `joint_ids`; wide open for what is not in play."""
+        rows = []
+        for module in self.entities:
+            extents = module.extents_of(world)
+            half = extents[:, :2] / 2
+            if not module.is_round:
+                yaw, turning = data.qpos[module.qpos_ids[:, 3]], data.qvel[module.qvel_ids[:, 3]]
+                # The larger of now and after the coming step: a long box sweeps 10 cm in one.
+                now, soon = (turned_extents(extents, yaw + t * turning) for t in (0.0, self.timestep))
+                half = jax.lax.stop_gradient(jnp.maximum(now, soon)) / 2
+            closed = jnp.stack([half, world.plan.floor_size - half], axis=-1)
+            rows.append(jnp.where(world.active[module.kind][:, None, None], closed, jnp.array([-FAR, FAR])))
+        return jnp.concatenate(rows).reshape(-1, 2)
+
+    def _joint_names(self) -> list[str]:
+        return [f"{name}:{axis}" for module in self.entities for name in module.names for axis in AXES]

@@ -1,0 +1,45 @@
+"""How a world's layout is drawn: every module in turn, and again where something found no place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.common.checks import is_traced
+from maax_mjx.common.keys import named_keys
+from maax_mjx.common.params import DomainParams, params_in_bounds
+from maax_mjx.layout import Layout
+from maax_mjx.layout.redraw import redraw
+from maax_mjx.physics import model_fields
+
+if TYPE_CHECKING:
+    from maax_mjx.core.base import Base
+
+LAYOUT_TRIES = 8
+
+
+def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
+    """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
+    floor_size = env.floor_range.draw(key, params, 1)[0]
+    in_bounds = params_in_bounds(params, env.parameters) if is_traced(params) else jnp.ones((), bool)
+
+    def draw(attempt: jax.Array) -> Layout:
+        layout = _empty_layout(env, attempt, floor_size)
+        for module, own_key in zip(env.modules.values(), named_keys(key, env.modules), strict=True):
+            layout = module.layout_step(own_key, layout, params)
+        return layout
+
+    layout = redraw(draw, LAYOUT_TRIES)
+    return layout.replace(valid=layout.valid & in_bounds)
+
+
+def _empty_layout(env: Base, attempt: jax.Array, floor_size: jax.Array) -> Layout:
+    fields = model_fields(env.model, env.overlay)
+    if env.floor_range.varies:
+        half = floor_size / 2
+        fields["geom_pos"] = fields["geom_pos"].at[env.floor_id, :2].set(half)
+        fields["geom_size"] = fields["geom_size"].at[env.floor_id, :2].set(half)
+    layout = Layout.empty(env.grid_size, floor_size)
+    return layout.replace(qpos=jnp.asarray(env.model.qpos0, float), fields=fields, attempt=attempt)

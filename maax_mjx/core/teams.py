@@ -1,0 +1,61 @@
+"""Teams: their names, and whose slots are in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity in [0, 1]."""
+
+
+@dataclass(frozen=True)
+class Team:
+    """Agents that play together.
+
+    Attributes:
+        name: of the team, such as "hiders".
+        slots: the agents' slots, in order.
+        agents: the agents' names, such as ("hider_0", "hider_1").
+        colour: in pictures.
+    """
+
+    name: str
+    slots: tuple[int, ...]
+    agents: tuple[str, ...]
+    colour: Colour
+
+    @property
+    def n_agents(self) -> int:
+        """How many slots it has."""
+        return len(self.slots)
+
+
+def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[Colour]) -> dict[str, Team]:
+    """Teams by name.
+
+    Args:
+        names: of the teams.
+        team_index: (n_agents,) the team of every slot.
+        colours: RGBA of every slot; a team has that of its first agent.
+
+    Raises:
+        ValueError: a name twice, or a team without agents.
+    """
+    teams: dict[str, Team] = {}
+    for i, name in enumerate(names):
+        if name in teams:
+            raise ValueError(f"teams: got {name!r} twice in {list(names)}; takes different names")
+        slots = tuple(int(slot) for slot in np.flatnonzero(team_index == i))
+        if not slots:
+            raise ValueError(f"teams: got {name!r} without agents; takes teams of at least one agent")
+        agents = tuple(f"{member_of(name)}_{k}" for k in range(len(slots)))
+        teams[name] = Team(name, slots, agents, tuple(float(x) for x in colours[slots[0]]))  # type: ignore[arg-type]
+    return teams
+
+
+def member_of(team: str) -> str:
+    """What one of a team is called: "hider" of "hiders", "red" of "red"."""
+    return team[:-1] if len(team) > 1 and team.endswith("s") and not team.endswith("ss") else team

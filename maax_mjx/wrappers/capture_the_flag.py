@@ -1,0 +1,143 @@
+"""The rules of capture the flag (named as future work in the thesis)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.params import DomainParams
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.modules import Flags
+from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.rewards import RestrictAgentsRect
+from maax_mjx.wrappers.teams import TeamMembership
+from maax_mjx.wrappers.wrapper import Wrapper
+
+AT_BASE = -1
+
+
+class FlagGame(struct.PyTreeNode):
+    """How the game stands.
+
+    Attributes:
+        carrier: (2,) int32, who carries each team's flag; -1 while it is at its base.
+        out: (n_agents,) bool, who was tagged and has not been home since.
+        score: (2,) int32, how often each team brought the other's flag home.
+    """
+
+    carrier: jax.Array
+    out: jax.Array
+    score: jax.Array
+
+
+class CaptureTheFlag(Wrapper):
+    """Two teams, two flags: bring the other team's home, and keep yours.
+
+    The floor has two halves, low y and high y; each team's is the one in which its flag has its base. After every
+    physics step, in this order:
+
+    1. An agent that is touched in the other team's half, by a member of that team who is not out, is out. A flag that
+       it carries is back at its base at once.
+    2. Who is out and within `reach` of its own base is in again.
+    3. Of those within `reach` of the other team's flag at its base, who are in and carry nothing, the nearest takes it.
+    4. A flag that is carried to within `reach` of the carrier's own base, while that team's flag is there, is captured:
+       the carrier's team scores and gets +1 each, the other team -1 each; the flag is back at its base.
+
+    Who is out moves freely, but neither tags nor takes. A team that has scored `wins_at` times ends the episode.
+
+    Adds `flag_pos` (2, 3), where the flags are now; `flag_base` (2, 3); `carries` and `is_out` (n_agents, 1); `score`
+    (2, 1); and to `metrics`, `score_0` and `score_1`.
+
+    Args:
+        env: what to wrap; it has `Flags`, one in each half, and teams 0 and 1.
+        reach: metres from an agent's centre to a flag or base, seen from above.
+        wins_at: captures that end the episode.
+        scale: what the reward is multiplied with.
+
+    Raises:
+        ValueError: no flags, other than two teams, a missing wrapper, or a number out of its range.
+    """
+
+    name = "capture_the_flag"
+    requires = (TeamMembership, AgentAgentContactMask2D)
+    precedes = (PreparationPhase, RestrictAgentsRect)
+
+    def __init__(self, env: Environment, reach: float = 0.4, wins_at: int = 3, scale: float = 1.0):
+        super().__init__(env)
+        self.reach = check_positive("reach", reach)
+        self.wins_at = check_count("wins_at", wins_at, minimum=1)
+        self.scale = check_positive("scale", scale)
+        if Flags.name not in self.base.modules:
+            raise ValueError("CaptureTheFlag: needs flags; add_module(Flags(...)) to the environment first")
+        teams = self.inner(TeamMembership)
+        if teams.n_teams != 2:
+            raise ValueError(f"CaptureTheFlag: got {teams.n_teams} teams; takes 2")
+        self._team = teams.team_index
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        nobody = jnp.zeros(self.base.n_agents, bool)
+        game = FlagGame(jnp.full(2, AT_BASE, jnp.int32), nobody, jnp.zeros(2, jnp.int32))
+        return self._observed(self.remember(self.env.reset(key, params), game))
+
+    def step(self, state: State, action: Any) -> State:
+        before: FlagGame = state.mechanics[self.name]
+        state = self.env.step(state, action)
+        game = self._play(state, before)
+        captured = (game.score - before.score).astype(state.reward.dtype)
+        gained = (captured[self._team] - captured[1 - self._team]) * self.playing(state)
+        state = state.replace(
+            reward=state.reward + self.scale * gained,
+            terminated=state.terminated | (game.score >= self.wins_at).any(),
+        )
+        return self._observed(self.remember(state, game))
+
+    def _play(self, state: State, game: FlagGame) -> FlagGame:
+        team, other = self._team, 1 - self._team
+        playing = self.playing(state)
+        xy, base = self._positions(state)[:, :2], state.world.sites[Flags.kind][:, :2]
+        there = state.world.active[Flags.kind]
+        half = state.world.plan.floor_size / 2
+        at_home = (xy[:, 1] < half) == (base[team, 1] < half)
+
+        tagging = state.mechanics[AgentAgentContactMask2D.name] & ~game.out & (team != team[:, None])
+        out = game.out | (tagging.any(axis=1) & ~at_home & playing)
+        fallen = (game.carrier >= 0) & out[game.carrier]
+        carrier = jnp.where(fallen, AT_BASE, game.carrier)
+        near_own = jnp.linalg.norm(xy - base[team], axis=1) <= self.reach
+        out &= ~near_own
+
+        away = jnp.linalg.norm(xy - base[other], axis=1)
+        can_take = playing & ~out & (away <= self.reach)
+        of_flag = can_take & (other == jnp.arange(2)[:, None])  # (2, n_agents): who can take which flag
+        nearest = jnp.where(of_flag, away, jnp.inf).argmin(axis=1).astype(jnp.int32)
+        taken = of_flag.any(axis=1) & (carrier == AT_BASE) & there
+        carrier = jnp.where(taken, nearest, carrier)
+
+        own_there = carrier[::-1] == AT_BASE
+        home = (carrier >= 0) & near_own[carrier] & own_there & there[::-1]
+        score = game.score + home[::-1]
+        return FlagGame(jnp.where(home, AT_BASE, carrier), out, score)
+
+    def _positions(self, state: State) -> jax.Array:
+        return state.data.xpos[self.base.agents.body_ids]
+
+    def _observed(self, state: State) -> State:
+        game: FlagGame = state.mechanics[self.name]
+        base = state.world.sites[Flags.kind]
+        carried = self._positions(state)[game.carrier]
+        carries = (jnp.arange(self.base.n_agents)[:, None] == game.carrier).any(axis=1)
+        obs = {
+            "flag_pos": jnp.where((game.carrier >= 0)[:, None], carried, base),
+            "flag_base": base,
+            "carries": carries[:, None].astype(jnp.float32),
+            "is_out": game.out[:, None].astype(jnp.float32),
+            "score": game.score[:, None].astype(jnp.float32),
+        }
+        scores = {f"score_{i}": game.score[i] for i in range(2)}
+        return state.replace(obs=state.obs | obs, metrics=state.metrics | scores)

@@ -1,0 +1,106 @@
+"""Grabbing objects and carrying them along."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from gymnasium import spaces
+
+from maax_mjx.common.checks import check_bool, check_positive
+from maax_mjx.common.params import DomainParams
+from maax_mjx.common.spaces import check_action
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.wrappers.grabs.rules import NOTHING, grab_rule
+from maax_mjx.wrappers.grabs.slots import GrabSlots
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.reach import Reach
+from maax_mjx.wrappers.wrapper import Wrapper
+
+
+class Grabs(struct.PyTreeNode):
+    """Who holds what.
+
+    Attributes:
+        held: (n_agents,) int32, the index among the grabbable objects; -1 for nothing.
+        relative: (n_agents, 8) where it was, as the agent saw it, when it was grabbed: position, quaternion, yaw.
+    """
+
+    held: jax.Array
+    relative: jax.Array
+
+
+class GrabObjects(Wrapper):
+    """Lets agents hold objects within reach, which then move and turn with them (Baker et al.).
+
+    While an agent wants to, it holds the nearest object in reach, in the pose relative to itself that it had when it
+    was grabbed. Locked objects can be held too. Adds `action["grab"]` (n_agents,), or (n_agents, n_grabbable) with
+    `selective`; `obj_pull` (n_grabbable, 1), held by anybody; `you_pull` (n_agents, n_grabbable, 1), held by oneself.
+
+    Args:
+        env: what to wrap; it was not used yet, since holds are built into the model.
+        objects: names of the modules whose objects can be grabbed: "boxes", "ramps", "cylinders", or your own.
+        radius: metres from an agent's centre to the object's surface, as an oriented box.
+        exclusive: whether an object is held by one agent alone, the nearest.
+        selective: whether agents say which objects they want, or take the nearest.
+        in_vision_only: whether only what the agent saw after the step before can be held; needs `LineOfSight`.
+
+    Raises:
+        ValueError: an unknown module, a radius that is not positive, or vision without `LineOfSight`.
+        RuntimeError: the environment was used already.
+    """
+
+    name = "grabs"
+    precedes = (PreparationPhase,)
+
+    def __init__(
+        self,
+        env: Environment,
+        objects: Sequence[str] = ("boxes", "ramps"),
+        radius: float = 0.25,
+        exclusive: bool = False,
+        selective: bool = False,
+        in_vision_only: bool = False,
+    ):
+        super().__init__(env)
+        self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
+        self.exclusive = check_bool("exclusive", exclusive)
+        self.selective = check_bool("selective", selective)
+        self.modules, self.n_grabbable = self._reach.modules, self._reach.n
+        self._slots = GrabSlots(self.base.agents, self._reach.modules)
+        self.base.add_module(self._slots)
+
+    @property
+    def action_space(self) -> spaces.Dict:
+        n = self.base.n_agents
+        shape = (n, self.n_grabbable) if self.selective else (n,)
+        return spaces.Dict({**self.env.action_space.spaces, "grab": spaces.MultiBinary(shape)})
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        n = self.base.n_agents
+        grabs = Grabs(jnp.full(n, NOTHING, jnp.int32), jnp.zeros((n, 8)))
+        return self._observed(self.remember(self.env.reset(key, params), grabs))
+
+    def step(self, state: State, action: dict[str, Any]) -> State:
+        check_action(self.action_space, action)
+        wants = jnp.asarray(action["grab"]) > 0
+        wants = wants if self.selective else wants[:, None]
+        old: Grabs = state.mechanics[self.name]
+        distance, near = self._reach(state)
+        held = grab_rule(wants & near, distance, self.exclusive)
+        # A pose is taken where a hold begins, and kept while it lasts.
+        same = (held == old.held)[:, None]
+        grabs = Grabs(held, jnp.where(same, old.relative, self._slots.relative(state.data, held)))
+        state = self.remember(state, grabs)
+        state = self._slots.hold(state, held, grabs.relative, self.base.overlay)
+        return self._observed(self.env.step(state, {k: part for k, part in action.items() if k != "grab"}))
+
+    def _observed(self, state: State) -> State:
+        grabs: Grabs = state.mechanics[self.name]
+        mine = grabs.held[:, None] == jnp.arange(self.n_grabbable)
+        obs = {"obj_pull": mine.any(axis=0), "you_pull": mine}
+        return state.replace(obs=state.obs | {k: x[..., None].astype(jnp.float32) for k, x in obs.items()})

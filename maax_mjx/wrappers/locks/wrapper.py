@@ -1,0 +1,140 @@
+"""Locking objects in place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from gymnasium import spaces
+
+from maax_mjx.common.checks import check_bool, check_choice, check_positive
+from maax_mjx.common.keys import draw_one
+from maax_mjx.common.params import DomainParams
+from maax_mjx.common.spaces import check_action
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.wrappers.locks.rules import LOCK_TYPES, lock_rule
+from maax_mjx.wrappers.locks.slots import METHODS, LockSlots
+from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.reach import Reach
+from maax_mjx.wrappers.teams import TeamMembership
+from maax_mjx.wrappers.wrapper import Wrapper
+
+
+class Locks(struct.PyTreeNode):
+    """Which objects are locked, and by whom.
+
+    Attributes:
+        locked: (n_lockable,) bool.
+        owner: (n_lockable,) int32, who locked it; -1 where it is not locked.
+        last_owner: (n_lockable,) int32, who locked it last, whether or not it is; 0 where nobody did.
+        pose: (n_lockable, 7) the qpos that it was locked in, padded with zeros.
+    """
+
+    locked: jax.Array
+    owner: jax.Array
+    last_owner: jax.Array
+    pose: jax.Array
+
+
+class LockObjects(Wrapper):
+    """Lets agents lock objects in place while they are near (Baker et al.; thesis 5.2.1).
+
+    An agent that is near an object and wants it locked asks for it; one that is near and does not, asks for the
+    contrary; with nobody near nothing changes. Who prevails is the lock type:
+
+    - "any": locked if anybody wants it; unlocked if nobody wants it and somebody near does not.
+    - "all": locked if somebody wants it and nobody near does not; unlocked if anybody near does not.
+    - "any_specific": locked as of "any"; unlocked by the agent that locked it alone.
+    - "team": locked and unlocked as of "all", but only members of the team that locked it last count against it.
+
+    Who owns a new lock is drawn from those who wanted it. Adds `action["lock"]` (n_agents, n_lockable), or (n_agents,)
+    without `per_object`; `obj_lock` (n_lockable, 1), `you_lock` and `team_lock` (n_agents, n_lockable, 1): locked, by
+    oneself, by one's team.
+
+    Args:
+        env: what to wrap; it was not used yet, since locks are built into the model.
+        objects: names of the modules whose objects can be locked: "boxes", "ramps", "cylinders", or your own.
+        lock_type: see above.
+        radius: metres from an agent's centre to the object's surface, as an oriented box.
+        method: "equality" holds the pose with equality constraints, "joint_range" with closed joint ranges, which give
+            ten times as much.
+        per_object: whether agents say which objects they want locked, or all within reach at once.
+        in_vision_only: whether only agents that saw an object after the step before count; needs `LineOfSight`.
+
+    Raises:
+        ValueError: an unknown module, lock type or method, joint ranges of free joints, or vision without
+            `LineOfSight`.
+        RuntimeError: the environment was used already.
+    """
+
+    name = "locks"
+    requires = (TeamMembership,)
+    precedes = (PreparationPhase,)
+
+    def __init__(
+        self,
+        env: Environment,
+        objects: Sequence[str] = ("boxes", "ramps"),
+        lock_type: str = "team",
+        radius: float = 0.25,
+        method: str = "equality",
+        per_object: bool = True,
+        in_vision_only: bool = False,
+    ):
+        super().__init__(env)
+        self.lock_type = check_choice("lock_type", lock_type, LOCK_TYPES)
+        check_choice("method", method, METHODS)
+        self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
+        self.modules, self.n_lockable = self._reach.modules, self._reach.n
+        self.per_object = check_bool("per_object", per_object)
+        self._slots = LockSlots(self.modules, method)
+        self.base.add_module(self._slots)
+        self._team = self.inner(TeamMembership).team_index
+
+    @property
+    def action_space(self) -> spaces.Dict:
+        n = self.base.n_agents
+        shape = (n, self.n_lockable) if self.per_object else (n,)
+        return spaces.Dict({**self.env.action_space.spaces, "lock": spaces.MultiBinary(shape)})
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        nobody = jnp.full(self.n_lockable, -1, jnp.int32)
+        free = jnp.zeros(self.n_lockable, bool)
+        locks = Locks(free, nobody, jnp.zeros_like(nobody), jnp.zeros((self.n_lockable, 7)))
+        return self._observed(self.remember(self.env.reset(key, params), locks))
+
+    def step(self, state: State, action: dict[str, Any]) -> State:
+        check_action(self.action_space, action)
+        wants = jnp.asarray(action["lock"]) > 0
+        wants = wants if self.per_object else jnp.broadcast_to(wants[:, None], (len(wants), self.n_lockable))
+        locks = self._decide(state, wants)
+        state = self.remember(state, locks)
+        state = self._slots.hold(state, locks.locked, locks.pose, self.base.overlay)
+        if self._slots.method == "joint_range":
+            # What is unlocked ends at the edge of the arena again, where it does.
+            state = state.replace(world=self.base.bounded(state.world, state.data))
+        inner = {name: part for name, part in action.items() if name != "lock"}
+        return self._observed(self.env.step(state, inner))
+
+    def _decide(self, state: State, wants: jax.Array) -> Locks:
+        locks: Locks = state.mechanics[self.name]
+        _, near = self._reach(state)
+        lock, unlock = lock_rule(self.lock_type, wants, near, locks.locked, locks.last_owner, self._team)
+        kept = locks.locked & ~unlock
+        new = lock & ~kept
+        drawn = draw_one(state.key, state.step, wants & near)
+        locked, last = kept | new, jnp.where(new, drawn, locks.last_owner)
+        pose = jnp.where(new[:, None], self._slots.pose(state.data), locks.pose)
+        return Locks(locked, jnp.where(locked, last, -1), last, pose)
+
+    def _observed(self, state: State) -> State:
+        locks: Locks = state.mechanics[self.name]
+        mine = locks.locked & (locks.owner == jnp.arange(self.base.n_agents)[:, None])
+        ours = locks.locked & (jnp.asarray(self._team)[locks.last_owner] == self._team[:, None])
+        agents = self.playing(state)[:, None]
+        masks = {"obj_lock": locks.locked, "you_lock": mine & agents, "team_lock": ours & agents}
+        return state.replace(obs=state.obs | {name: x[..., None].astype(jnp.float32) for name, x in masks.items()})

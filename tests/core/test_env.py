@@ -1,0 +1,159 @@
+"""The contract of every environment, the jitted functions, and what an agent feels."""
+
+from __future__ import annotations
+
+import inspect
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import maax_mjx as maax
+from maax_mjx.core.base import Base
+from maax_mjx.testing import check_env
+
+
+@pytest.mark.parametrize("impl", ["c", "jax"])
+def test_check_env(impl):
+    """A whole game, with counts that are drawn."""
+    few = {"n_hiders": (1, 2), "n_seekers": 1, "n_boxes": (0, 2), "n_ramps": 0 if impl == "jax" else 1}
+    check_env(maax.make("hide_and_seek", impl=impl, **few), n_worlds=2, n_steps=3)
+
+
+def test_check_env_warp(env_warp):
+    check_env(env_warp, n_worlds=2, n_steps=2)
+
+
+class Broken(Base):
+    """Two agents on an open floor, with one thing wrong."""
+
+    wrong = ""
+    calls = 0
+
+    def reset(self, key, params=None):
+        self.calls += 1
+        if self.wrong == "one world":
+            key = jax.random.key(0)
+        out = super().reset(key, params)
+        if self.wrong == "eager":
+            out = out.replace(reward=out.reward + (not isinstance(out.reward, jax.core.Tracer)))
+        if self.wrong == "vmap":
+            out = out.replace(reward=out.reward + float(self.calls > 1))
+        return out
+
+    def step(self, state, action):
+        out = super().step(state, action)
+        match self.wrong:
+            case "dtype":
+                return out.replace(reward=out.reward.astype(jnp.int32))
+            case "tree":
+                return out.replace(metrics=out.metrics | {"new": out.step})
+            case "shape":
+                return out.replace(reward=out.reward[:1])
+            case "nan":
+                return out.replace(reward=out.reward * jnp.nan)
+            case "space":
+                return out.replace(obs=out.obs | {"agent_pos": out.obs["agent_pos"][:1]})
+            case "step":
+                return out.replace(step=state.step)
+            case "chance":
+                noise = jax.pure_callback(lambda: np.float32(np.random.uniform()), jax.ShapeDtypeStruct((), "float32"))  # noqa: NPY002
+                return out.replace(reward=out.reward + noise)
+        return out
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("dtype", "step changed a shape or dtype"),
+        ("tree", "step changed the tree"),
+        ("shape", "step changed a shape or dtype"),
+        ("nan", "not finite"),
+        ("space", "step changed a shape or dtype"),
+        ("step", r"state\.step is 0"),
+        ("chance", "two runs from the same key differ"),
+        ("one world", "two different keys the same world"),
+        ("eager", "jit and eager reset differ"),
+        ("vmap", "vmap and loop"),
+    ],
+)
+def test_check_env_finds_what_is_wrong(wrong, message):
+    env = Broken(2, impl="c")
+    env.wrong = wrong
+    env.add_module(maax.WallScenarios("empty"))
+    env.add_module(maax.Agents(2))
+    _ = env.observation_space, env.model
+    env.calls = 0
+    with pytest.raises(AssertionError, match=message):
+        check_env(env, n_worlds=2, n_steps=2)
+
+
+def test_jitted_by_name_and_by_env(env_c):
+    reset, step = maax.jitted("standard", impl="c")
+    state = reset(jax.random.key(0))
+    again = maax.jitted(env_c)[0](jax.random.key(0))
+    np.testing.assert_array_equal(state.data.qpos, again.data.qpos)
+    state = step(state, {"move": jnp.zeros((4, 3))})
+    assert int(state.step) == 1
+
+
+def test_jitted_can_be_scanned_and_vmapped(env_c):
+    reset, step = maax.jitted(env_c)
+    states = jax.vmap(reset)(jax.random.split(jax.random.key(0), 3))
+    action = {"move": jnp.ones((3, 4, 3))}
+    states, _ = jax.lax.scan(lambda s, _: (jax.vmap(step)(s, action), None), states, length=3)
+    np.testing.assert_array_equal(states.step, [3, 3, 3])
+
+
+def test_public_functions_have_docstrings():
+    for name in maax.__all__:
+        thing = getattr(maax, name)
+        assert inspect.getdoc(thing), name
+
+
+def test_agents_feel_their_motors(env_c, batch_reset, batch_step):
+    """Terminal speed is force over damping, 100 / 10, which yaw reaches at once and x only where the room is long."""
+    states = batch_reset(env_c, jax.random.split(jax.random.key(0), 2))
+    move = jnp.zeros((2, 4, 3)).at[:, 0].set(jnp.array([0.0, 0.0, 1.0]))
+    for _ in range(40):
+        states = batch_step(env_c, states, {"move": move})
+    qvel = states.obs["agent_qpos_qvel"][:, 0, 4:]
+    np.testing.assert_allclose(qvel[:, 3], 10.0, atol=0.05)
+    before = states.obs["agent_pos"][:, 1:]
+    for _ in range(10):
+        states = batch_step(env_c, states, {"move": move})
+    np.testing.assert_allclose(states.obs["agent_pos"][:, 1:], before, atol=1e-4)
+
+
+def test_controls_are_clamped_not_wrong(env_c, batch_reset, batch_step):
+    states = batch_reset(env_c, jax.random.split(jax.random.key(0), 2))
+    one, ten = (batch_step(env_c, states, {"move": jnp.full((2, 4, 3), v)}) for v in (1.0, 10.0))
+    np.testing.assert_array_equal(one.data.qpos, ten.data.qpos)
+
+
+def test_observations(env_ranges, batch_reset, batch_step):
+    states = batch_reset(env_ranges, jax.random.split(jax.random.key(5), 32))
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        move = rng.choice([-1.0, 1.0], (32, 4, 3)).astype(np.float32)
+        states = batch_step(env_ranges, states, {"move": move})
+    qpos, qvel = np.asarray(states.data.qpos), np.asarray(states.data.qvel)
+    model, obs = env_ranges.model, jax.device_get(states.obs)
+    for i in range(4):
+        q = qpos[:, [model.joint(f"agent{i}:{j}").qposadr[0] for j in ("x", "y", "z", "yaw")]]
+        v = qvel[:, [model.joint(f"agent{i}:{j}").dofadr[0] for j in ("x", "y", "z", "yaw")]]
+        np.testing.assert_array_equal(obs["agent_qpos_qvel"][:, i], np.concatenate([q, v], axis=1))
+        heading = np.arctan2(np.sin(q[:, 3] - np.pi / 2), np.cos(q[:, 3] - np.pi / 2))
+        np.testing.assert_allclose(np.cos(obs["agent_angle"][:, i, 0]), np.cos(heading), atol=1e-5)
+        np.testing.assert_allclose(np.sin(obs["agent_angle"][:, i, 0]), np.sin(heading), atol=1e-5)
+        assert (np.abs(obs["agent_angle"]) <= np.pi + 1e-6).all()
+    for kind, n in (("box", 3), ("ramp", 2)):
+        for i in range(n):
+            q = qpos[:, [model.joint(f"{kind}{i}:{j}").qposadr[0] for j in ("x", "y", "z", "yaw")]]
+            v = qvel[:, [model.joint(f"{kind}{i}:{j}").dofadr[0] for j in ("x", "y", "z", "yaw")]]
+            want = np.concatenate([q[:, :3], np.cos(q[:, 3:]), np.sin(q[:, 3:]), v], axis=1)
+            present = obs[f"{kind}_mask"][:, i]
+            np.testing.assert_allclose(obs[f"{kind}_obs"][present, i], want[present], atol=1e-6)
+            assert (obs[f"{kind}_obs"][~present, i] == 0).all()
+            assert 0 < present.sum() < 32

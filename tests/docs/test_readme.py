@@ -1,0 +1,71 @@
+"""Every Python block of the README and of `docs/` runs as it stands."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from maax_mjx.cli import main
+from maax_mjx.tasks import registry
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCKS = {
+    f"{page.stem}-{i}": block
+    for page in PAGES
+    for i, block in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
+}
+
+(DESCENT,) = [name for name, block in BLOCKS.items() if "jax.value_and_grad" in block]
+(LEARNT,) = [name for name, block in BLOCKS.items() if "class ActorCritic" in block]
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_block(name, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(registry, "_TASKS", dict(registry._TASKS))
+    if "stable_baselines3" in BLOCKS[name]:
+        pytest.importorskip("stable_baselines3")  # with PyTorch, too large to install for one block
+    exec(compile(BLOCKS[name], name, "exec"), {"__name__": "__main__"})
+    told = capsys.readouterr().out
+    if name == DESCENT:
+        reached = re.fullmatch(r"([\d.]+) mm from the goal after (\d+) iterations\n", told)
+        assert float(reached[1]) < 5
+        assert int(reached[2]) < 49
+    if name == LEARNT:
+        before, after = (float(word) for word in re.fullmatch(r"reward a step (\S+) -> (\S+)\n", told).groups())
+        assert after > before + 0.5
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    targets = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text())
+    missing = [target for target in targets if "//" not in target and not (page.parent / target).exists()]
+    assert not missing
+
+
+COMMANDS = [
+    line
+    for block in re.findall(r"```sh\n(.*?)```", PAGES[0].read_text(), re.DOTALL)
+    for line in block.splitlines()
+    if line.startswith("maax-mjx ")
+]
+
+
+def test_commands(tmp_path, monkeypatch, capsys):
+    """Those of the README, one after the other in one folder."""
+    assert len(COMMANDS) > 5
+    monkeypatch.chdir(tmp_path)
+    for line in COMMANDS:
+        code = None
+        try:
+            main(shlex.split(line, comments=True)[1:])
+        except SystemExit as exited:
+            code = exited.code
+        assert not code, line
+        assert capsys.readouterr().out, line
+    assert (tmp_path / "maax-out" / "replay.html").stat().st_size > 500_000
+    assert (tmp_path / "play.gif").stat().st_size > 10_000
