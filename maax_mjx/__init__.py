@@ -6,11 +6,12 @@ guard_small_hosts()
 keep_compiled_programs()
 
 from maax_mjx import testing  # noqa: E402
+from maax_mjx.common.observed import Column, Observed  # noqa: E402
 from maax_mjx.common.params import DomainParams  # noqa: E402
-from maax_mjx.core.base import Base  # noqa: E402
-from maax_mjx.core.env import Environment  # noqa: E402
+from maax_mjx.core.env import Base, Environment  # noqa: E402
 from maax_mjx.core.export import to_mjcf, world_of  # noqa: E402
 from maax_mjx.core.state import State  # noqa: E402
+from maax_mjx.core.teams import Team  # noqa: E402
 from maax_mjx.layout import (  # noqa: E402
     all_of,
     any_of,
@@ -55,6 +56,7 @@ from maax_mjx.tasks import (  # noqa: E402
     RectConfig,
     StandardConfig,
     TagConfig,
+    WorldConfig,
     config_of,
     jitted,
     make,
@@ -68,7 +70,9 @@ from maax_mjx.wrappers import (  # noqa: E402
     AgentAgentContactMask2D,
     CaptureTheFlag,
     ConcatenateObservations,
+    CriticObservations,
     DiscretizeActions,
+    EgocentricObservations,
     FlattenObservations,
     GrabObjects,
     HideAndSeekReward,
@@ -103,12 +107,15 @@ __all__ = [
     "CaptureTheFlag",
     "CaptureTheFlagConfig",
     "Checkpoints",
+    "Column",
     "ConcatenateObservations",
     "ConstructionSites",
+    "CriticObservations",
     "Curriculum",
     "Cylinders",
     "DiscretizeActions",
     "DomainParams",
+    "EgocentricObservations",
     "Entities",
     "Environment",
     "Flags",
@@ -133,6 +140,7 @@ __all__ = [
     "Module",
     "NotDifferentiableError",
     "ObservationWrapper",
+    "Observed",
     "PreparationPhase",
     "QuadrantConfig",
     "Ramps",
@@ -150,9 +158,11 @@ __all__ = [
     "StateWrapper",
     "Tag",
     "TagConfig",
+    "Team",
     "TeamMembership",
     "TrackStats",
     "WallScenarios",
+    "WorldConfig",
     "WorldConstants",
     "WorldParams",
     "Worlds",

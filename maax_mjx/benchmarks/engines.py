@@ -29,7 +29,7 @@ from maax_mjx.benchmarks import record, rollouts
 from maax_mjx.benchmarks.rollouts import Figures, Protocol, Rolling
 from maax_mjx.benchmarks.step import Actions, at
 from maax_mjx.common.checks import check_choice, check_count
-from maax_mjx.core.base import Base
+from maax_mjx.core.env import Base
 from maax_mjx.core.faults import find_fault
 from maax_mjx.core.state import State
 

@@ -27,7 +27,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.step import DISTINCT, c_batch, draw_actions
 from maax_mjx.common.checks import check_count
-from maax_mjx.core.base import Base
+from maax_mjx.core.env import Base
 from maax_mjx.core.faults import AGENT_CEILING
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities

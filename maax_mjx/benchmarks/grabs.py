@@ -23,7 +23,7 @@ from tqdm import tqdm
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.common.checks import check_count, check_positive
-from maax_mjx.core.base import Base
+from maax_mjx.core.env import Base
 from maax_mjx.wrappers.equalities import add_equality
 from maax_mjx.wrappers.grabs.slots import GrabSlots
 

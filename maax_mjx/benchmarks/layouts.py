@@ -24,7 +24,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.step import Actions, at, bare_roll, draw_actions
 from maax_mjx.common.checks import check_choice, check_count
-from maax_mjx.core.base import Base
+from maax_mjx.core.env import Base
 from maax_mjx.core.state import State
 
 SCENES: dict[str, dict[str, Any]] = {

@@ -17,7 +17,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import load, record, rollouts
 from maax_mjx.benchmarks.rollouts import WHAT, Figures, Protocol, Rolling
 from maax_mjx.common.checks import check_choice, check_count, check_positive
-from maax_mjx.core.base import Base
+from maax_mjx.core.env import Base
 from maax_mjx.modules.walls import OUTER
 from maax_mjx.physics import check_impl
 

@@ -26,8 +26,7 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
-from maax_mjx.core.base import Base
-from maax_mjx.core.env import Environment
+from maax_mjx.core.env import Base, Environment
 from maax_mjx.core.state import State
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import Data, Fields

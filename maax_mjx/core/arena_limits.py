@@ -51,13 +51,12 @@ class ArenaLimits:
 
     def joint_ids(self, model: mujoco.MjModel) -> np.ndarray:
         """(2 n,): x and y of every entity in turn."""
-        self._ids = np.array([model.joint(name).id for name in self._joint_names()], int)
-        return self._ids
+        return np.array([model.joint(name).id for name in self._joint_names()], int)
 
-    def write(self, world: World, data: Data, overlay: Overlay) -> World:
-        """The world with the ranges in it that belong to its state; after `joint_ids`."""
+    def write(self, world: World, data: Data, overlay: Overlay, model: mujoco.MjModel) -> World:
+        """The world with the ranges in it that belong to its state."""
         ranges = world.fields["jnt_range"]
-        rows = np.searchsorted(overlay["jnt_range"], self._ids)
+        rows = np.searchsorted(overlay["jnt_range"], self.joint_ids(model))
         # A closed range is a lock, and stays.
         locked = (ranges[rows, 0] == ranges[rows, 1])[:, None]
         new = jnp.where(locked, ranges[rows], self._ranges(world, data))

@@ -1,47 +1,239 @@
-"""Whether a module fits what an environment has so far."""
+"""`Composition`: modules, and the model that they make together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from maax_mjx.core.capacity import check_room
-from maax_mjx.modules import Agents, Entities, Module
+import jax
+import mujoco
+import numpy as np
+
+from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.common.observed import Observed
+from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
+from maax_mjx.core.arena_limits import ArenaLimits
+from maax_mjx.core.capacity import check_module, contact_capacity
+from maax_mjx.layout import World
+from maax_mjx.modules import Agents, Entities, Module, Sites
+from maax_mjx.modules.from_model import from_model
+from maax_mjx.modules.ranged import Ranged
+from maax_mjx.physics import Data, Engine, Overlay, check_impl, make_engine, union
+from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
 
 
-def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_size: int, floor_size: float) -> None:
-    """Refuses a module that does not fit.
+class Composition:
+    """Modules, and what is made of them on the host: the model, the overlay, the engine.
 
-    Args:
-        module: what is to be added.
-        before: what was added already.
-        n_agents: of the environment.
-        grid_size: cells per side.
-        floor_size: the smallest edge of the floor in metres.
-
-    Raises:
-        ValueError: naming the argument.
+    What follows from the modules is worked out when it is first read, and again after another module was added. The
+    arguments are those of `Base`.
     """
-    if module.name in [m.name for m in before]:
-        raise ValueError(f"module: got a second {module.name!r}; takes one of each, by name")
-    if isinstance(module, Agents) and module.n_max != n_agents:
-        raise ValueError(f"n_agents: Base got {n_agents}, Agents got {module.n_max}; both take the same number")
-    if module.requires_quadrant and not any(m.provides_quadrant for m in before):
-        raise ValueError(
-            f"placement_fn: {type(module).__name__} places by the quadrant and there is none; "
-            'add WallScenarios(scenario="quad") before it'
-        )
-    if module.wall_cells(grid_size) and any(m.extents for m in before):
-        raise ValueError(f"module: {type(module).__name__} comes after what it would be built over; add walls first")
-    for other in before:
-        shared = sorted({p.name for p in other.parameters} & {p.name for p in module.parameters})
-        if shared:
-            raise ValueError(
-                f"module: {type(module).__name__} has a parameter {shared[0]!r}, as {type(other).__name__} has; "
-                "takes names of its own"
-            )
-    modules = [*before, module]
-    for m in modules:
-        if isinstance(m, Entities) and m.free and any(other.limits_arena for other in modules):
-            raise ValueError(f"free: {type(m).__name__} got True; a free joint has no range for outer='limits'")
-    module.check(grid_size, floor_size)
-    check_room(modules, grid_size, floor_size)
+
+    def __init__(
+        self,
+        n_agents: int,
+        n_frames: int,
+        grid_size: int,
+        floor_size: float | tuple[float, float],
+        horizon: int,
+        impl: str,
+        world_params: WorldParams | None,
+        contacts_per_world: int | None,
+    ):
+        self.n_agents = check_count("n_agents", n_agents, minimum=1)
+        self.n_frames = check_count("n_frames", n_frames, minimum=1)
+        self.grid_size = check_count("grid_size", grid_size, minimum=8)
+        self.floor_range = Ranged("floor_size", floor_size, above=True)
+        self.horizon = check_count("horizon", horizon, minimum=1)
+        self.impl = check_impl(impl)
+        self.world_params = WorldParams() if world_params is None else world_params
+        if not isinstance(self.world_params, WorldParams):
+            raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
+        if contacts_per_world is not None:
+            check_count("contacts_per_world", contacts_per_world, minimum=1)
+        self._contacts_per_world = contacts_per_world
+        self._modules: dict[str, Module] = {}
+        self._build = object()
+
+    # --- modules -----------------------------------------------------------------------------------------------
+
+    def add_module(self, module: Module) -> None:
+        """Adds a module; those added first draw first.
+
+        States from before it was added do not fit the environment any more, and wrappers that are around it already
+        know nothing of it: add modules first, and then wrap and reset.
+
+        Raises:
+            ValueError: a module that does not fit the environment or what was added before it.
+        """
+        if not isinstance(module, Module):
+            raise ValueError(f"module: got {module!r}; takes a Module")
+        if module._owner not in (None, self):
+            raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
+        check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, self.floor_range.low)
+        module._owner = self
+        self._modules[module.name] = module
+        self._build = object()
+
+    @property
+    def build(self) -> object:
+        """What stands for this composition: another object after a module was added."""
+        return self._build
+
+    @property
+    def modules(self) -> Mapping[str, Module]:
+        """The modules by name."""
+        return self._modules
+
+    @property
+    def movables(self) -> list[Entities]:
+        """The modules of what can move, if they hold anything."""
+        return [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max]
+
+    def objects(self, names: Sequence[str]) -> list[Entities]:
+        """The modules of those names, whose objects can move.
+
+        Raises:
+            ValueError: an unknown name, one whose objects cannot move, one that is given twice, or the agents.
+        """
+        known = {m.name: m for m in self._modules.values() if isinstance(m, Entities) and not isinstance(m, Agents)}
+        if isinstance(names, str) or len(set(names)) < len(names):
+            raise ValueError(f"objects: got {names!r}; takes a list of different names of {sorted(known)}")
+        return [known[check_choice("objects", name, known)] for name in names]
+
+    @property
+    def sites(self) -> dict[str, Sites]:
+        """The modules of marks on the floor, by kind."""
+        return {m.kind: m for m in self._modules.values() if isinstance(m, Sites) and m.n_max}
+
+    @property
+    def agents(self) -> Agents:
+        """The agents' module.
+
+        Raises:
+            RuntimeError: there is none.
+        """
+        agents = self._modules.get(Agents.kind)
+        if not isinstance(agents, Agents):
+            raise RuntimeError(f"Base: got no agents; add_module(Agents({self.n_agents}, ...)) before its first use")
+        return agents
+
+    # --- the model ---------------------------------------------------------------------------------------------
+
+    @from_model
+    def spec(self) -> mujoco.MjSpec:
+        """The MuJoCo spec, the largest number of everything in it."""
+        _ = self.agents
+        builder = WorldBuilder(self.world_params)
+        floor = Floor(self.floor_size)
+        builder.append(floor)
+        for module in self._modules.values():
+            module.build_step(floor, self.grid_size)
+        spec = builder.to_spec()
+        for module in self._modules.values():
+            module.spec_step(spec)
+        if self._limits is not None:
+            self._limits.edit(spec)
+        # What can be absent floats where it is parked; the overlay gives it its weight when it is in play.
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
+        # Not max_geom_pairs: MJX keeps the pairs whose bounding spheres overlap most, and those of long walls overlap
+        # everything, so that it would leave out true contacts.
+        spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)
+        return spec
+
+    @from_model
+    def model(self) -> mujoco.MjModel:
+        """The compiled MuJoCo model."""
+        model = self.spec.compile()
+        for m in self._modules.values(): getattr(m, "cache_step", lambda _: None)(model)  # TEMP
+        return model
+
+    @from_model
+    def overlay(self) -> Overlay:
+        """The rows of model fields in which worlds differ."""
+        rows = [module.overlay for module in self._modules.values()]
+        if self.floor_range.varies:
+            rows.append(dict.fromkeys(("geom_pos", "geom_size"), self.floor_id))
+        if self._limits is not None:
+            rows.append({"jnt_range": self._limits.joint_ids(self.model)})
+        return union(rows)
+
+    @from_model
+    def engine(self) -> Engine:
+        """The physics engine. Made when it is first read, because it needs a JAX backend."""
+        n_equalities = self.model.neq - sum(module.idle_equalities for module in self._modules.values())
+        return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world, n_equalities)
+
+    @from_model
+    def parameters(self) -> dict[str, Parameter]:
+        """What can be randomised, by name, with defaults and bounds."""
+        parameters = self.floor_range.parameters + [p for module in self._modules.values() for p in module.parameters]
+        return {p.name: p for p in parameters}
+
+    @from_model
+    def floor_id(self) -> np.ndarray:
+        """(1,) the floor's geom id."""
+        return np.array([self.model.geom("floor").id])
+
+    @property
+    def floor_size(self) -> float:
+        """The largest edge of the floor in metres; a world's own is `state.world.plan.floor_size`."""
+        return self.floor_range.high
+
+    @property
+    def contacts_per_world(self) -> int:
+        """Contact points that the accelerators' engines make room for."""
+        return self._contacts_per_world or contact_capacity(self._modules.values())
+
+    @property
+    def dt(self) -> float:
+        """Seconds of one env step."""
+        return self.n_frames * self.world_params.timestep
+
+    # --- what environments read of it --------------------------------------------------------------------------
+
+    @property
+    def default_params(self) -> DomainParams:
+        """The ranges that the modules were constructed with."""
+        return default_params(self.parameters)
+
+    def check_params(self, params: DomainParams) -> None:
+        """Refuses params outside the bounds that the environment was built with.
+
+        Raises:
+            ValueError: naming the parameter, its value and its bound.
+        """
+        check_params(params, self.parameters)
+
+    def declared(self) -> dict[str, Observed]:
+        """What the modules' observations are."""
+        return {name: one for module in self._modules.values() for name, one in module.declared().items()}
+
+    def bounded(self, world: World, data: Data) -> World:
+        """The world with the joint ranges that end at the edge of the arena, where it has any. Pure."""
+        return world if self._limits is None else self._limits.write(world, data, self.overlay, self.model)
+
+    @jax.named_scope("observations")
+    def module_observations(self, world: World, data: Data) -> dict[str, jax.Array]:
+        """All modules' observations by name. Pure.
+
+        Raises:
+            ValueError: two modules observe the same name.
+        """
+        obs: dict[str, jax.Array] = {}
+        for module in self._modules.values():
+            new = module.observation_step(world, data)
+            if twice := sorted(set(new) & set(obs)):
+                raise ValueError(f"module: {module.name!r} observes {twice[0]!r}, as another does; takes another name")
+            obs |= new
+        return obs
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether joint ranges close the arena."""
+        return self._limits is not None
+
+    @from_model
+    def _limits(self) -> ArenaLimits | None:
+        limited = any(module.limits_arena for module in self._modules.values())
+        return ArenaLimits(self.movables, self.world_params.timestep) if limited else None

@@ -1,31 +1,45 @@
-"""What every environment is: `Base`, and whatever wraps it."""
+"""Environments: what each of them is, and `Base`, the one that is made of modules."""
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import cached_property, wraps
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import Any
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.common.checks import described
+from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.checks import check_key, described
+from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
-from maax_mjx.common.spaces import sample, space_of
+from maax_mjx.common.spaces import check_action, sample, space_of
+from maax_mjx.core.composition import Composition
+from maax_mjx.core.describe import Description, describe
+from maax_mjx.core.faults import contain, find_fault
+from maax_mjx.core.generation import draw_layout
 from maax_mjx.core.state import State
-
-if TYPE_CHECKING:
-    from maax_mjx.core.base import Base
+from maax_mjx.core.teams import Team, agent_names, make_teams
+from maax_mjx.layout import Layout, World
+from maax_mjx.modules.from_model import from_model, without_worked_out
+from maax_mjx.physics import Data
+from maax_mjx.worldgen import WorldParams
 
 
 class Environment(ABC):
-    """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely."""
+    """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely.
 
-    def __init_subclass__(cls, **options: Any):
-        super().__init_subclass__(**options)
-        if "step" in cls.__dict__:
-            cls.step = _named(cls.step)  # type: ignore[method-assign]
+    Subclasses implement `reset` and `transition`; `step` is the door that checks actions once.
+
+    Attributes:
+        n_agents: how many slots for agents there are.
+    """
+
+    n_agents: int
 
     @property
     @abstractmethod
@@ -37,15 +51,10 @@ class Environment(ABC):
     def action_space(self) -> spaces.Dict:
         """The space of one world's action."""
 
-    @cached_property
-    def state_shape(self) -> State:
-        """A state of one world, with the shapes and types of its arrays instead of their values."""
-        return jax.eval_shape(self.reset, jax.random.key(0))
-
-    @cached_property
-    def observation_space(self) -> spaces.Dict:
-        """The space of one world's observations."""
-        return space_of(self.state_shape.obs)
+    @property
+    @abstractmethod
+    def teams(self) -> dict[str, Team]:
+        """The teams by name."""
 
     @abstractmethod
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
@@ -57,13 +66,63 @@ class Environment(ABC):
         """
 
     @abstractmethod
+    def transition(self, state: State, action: Any) -> State:
+        """Advances a world by one env step: what subclasses implement, and `step` calls with a checked action.
+
+        A wrapper calls `self.env.advance(state, action)` for the step of what it wraps.
+        """
+
+    @abstractmethod
+    def declared(self) -> dict[str, Observed]:
+        """What the observations are, as far as it is declared: `observed` without the masks that are found by name."""
+
     def step(self, state: State, action: Any) -> State:
         """Advances a world by one env step, `n_frames` physics steps.
 
         Args:
             state: from `reset` or `step`.
             action: in `action_space`.
+
+        Raises:
+            ValueError: an action of other names, shapes or kinds, or outside of traced code of values that it does not
+                take.
         """
+        check_action(self.action_space, action)
+        return self.advance(state, action)
+
+    def advance(self, state: State, action: Any) -> State:
+        """Steps without checks, under the name of this class, by which profiles tell layers apart."""
+        with jax.named_scope(type(self).__name__):
+            return self.transition(state, action)
+
+    @property
+    def build(self) -> object:
+        """What stands for the composition that `from_model` properties belong to."""
+        return self.base.build
+
+    @property
+    def agent_names(self) -> tuple[str, ...]:
+        """The names of the agents by slot, such as "hider_0" and "seeker_1"."""
+        return agent_names(self.teams)
+
+    @property
+    def observed(self) -> dict[str, Observed]:
+        """What every declared observation is: its axes and columns, and who sees it."""
+        return resolved(self.declared())
+
+    def describe(self) -> Description:
+        """A table of the observations: name, axes, shape, columns with units, who sees it. Print it."""
+        return describe(self.observed, self.observation_space)
+
+    @from_model
+    def state_shape(self) -> State:
+        """A state of one world, with the shapes and types of its arrays instead of their values."""
+        return jax.eval_shape(self.reset, jax.random.key(0))
+
+    @from_model
+    def observation_space(self) -> spaces.Dict:
+        """The space of one world's observations."""
+        return space_of(self.state_shape.obs)
 
     @property
     def default_params(self) -> DomainParams:
@@ -73,6 +132,160 @@ class Environment(ABC):
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """A uniform random action; traceable."""
         return sample(self.action_space, key)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Environment:
+        """A copy of the whole chain with modules of its own, whose model is not built yet."""
+        twin = object.__new__(type(self))
+        memo[id(self)] = twin
+        for name, value in without_worked_out(vars(self)).items():
+            try:
+                twin.__dict__[name] = copy.deepcopy(value, memo)
+            except (TypeError, copy.Error) as error:
+                mine = type(self).__name__
+                raise ValueError(
+                    f"env: {mine}.{name} is {described(value)}, which cannot be copied ({error}); keep it outside of "
+                    f"the environment, or give {mine} a __deepcopy__"
+                ) from error
+        return twin
+
+
+class Base(Composition, Environment):
+    """An environment made of modules, without game mechanics: agents move, rewards are zero.
+
+    Add modules in the order in which they draw (walls first), then reset. The model is built once, at the largest
+    number of everything; every reset draws a new layout on the device.
+
+    Args:
+        n_agents: how many agents its `Agents` module has.
+        n_frames: physics steps per env step.
+        grid_size: cells per side of the placement grid.
+        floor_size: edge of the floor in metres, or (low, high), drawn per world; the grid's cells grow with it.
+        horizon: env steps until an episode is truncated.
+        impl: "jax", "warp", "c", or "auto": `warp` on NVIDIA where it is installed, `jax` on other accelerators, `c` on
+            a bare CPU.
+        world_params: time step, gravity and solver iterations.
+        contacts_per_world: contact points of a world that `jax` and `warp` make room for; None derives them from the
+            entities. More cost time; too few are reported as `metrics["contact_overflow"]`. `c` has no such limit.
+
+    Raises:
+        ValueError: an argument out of its range; the message names it.
+        MissingLibraryError: an engine whose library is not installed; the message names the extra that brings it.
+    """
+
+    def __init__(
+        self,
+        n_agents: int,
+        n_frames: int = 1,
+        grid_size: int = 30,
+        floor_size: float | tuple[float, float] = 6.0,
+        horizon: int = 1000,
+        impl: str = "auto",
+        world_params: WorldParams | None = None,
+        contacts_per_world: int | None = None,
+    ):
+        super().__init__(
+            n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world
+        )  # fmt: skip
+
+    @property
+    def base(self) -> Base:
+        return self
+
+    @property
+    def teams(self) -> dict[str, Team]:
+        agents = self.agents
+        return make_teams(list(agents.team_sizes), agents.team_index, agents.colors.tolist())
+
+    @cached_property
+    def action_space(self) -> spaces.Dict:
+        return spaces.Dict({"move": spaces.Box(-1.0, 1.0, (self.n_agents, 3), np.float32)})
+
+    def declared(self) -> dict[str, Observed]:
+        return Composition.declared(self)
+
+    @from_model
+    def _draw_layout(self) -> Callable[[jax.Array, DomainParams], Layout]:
+        """Compiled even where a reset is called eagerly, which would otherwise compile its loop at every call."""
+        return jax.jit(partial(draw_layout, self))
+
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        check_key("key", key)
+        params = self.default_params if params is None else params
+        self.check_params(params)
+        params = jax.tree.map(jnp.asarray, params)
+        layout_key, state_key = jax.random.split(key)
+        layout = self._draw_layout(layout_key, params)
+        fields = {name: layout.fields[name][ids] for name, ids in self.overlay.items()}
+        world = World(fields, layout.active, layout.extents, layout.sites, layout.plan, layout.valid)
+        data = self.engine.init(world.fields, layout.qpos)
+        world = self.bounded(world, data)
+        no = jnp.zeros((), bool)
+        return State(
+            data=data,
+            world=world,
+            params=params,
+            obs=self.module_observations(world, data),
+            reward=jnp.zeros(self.n_agents),
+            terminated=no,
+            truncated=no,
+            step=jnp.zeros((), jnp.int32),
+            key=state_key,
+            metrics={"physics_fault": no, "layout_invalid": ~world.valid, "contact_overflow": no},
+            mechanics={},
+        )
+
+    def transition(self, state: State, action: dict[str, Any]) -> State:
+        """Moves the agents.
+
+        `action["move"]` (n_agents, 3) is the share of full force along the world's x and y and of full torque about
+        z. MuJoCo clamps controls to [-1, 1]. Under jit, where values cannot be looked at, NaN is a physics fault.
+        """
+        engine = self.engine
+        move = jnp.asarray(action["move"], state.data.ctrl.dtype)
+        move = jnp.where(state.world.active[self.agents.kind][:, None], move, 0.0)
+        ctrl = with_rows(state.data.ctrl, self.agents.ctrl_ids, move)
+        before = state.data.replace(ctrl=jnp.nan_to_num(ctrl))
+        world, after, overflow = self._advance_physics(state.world, before)
+        fault = self._fault(world, after) | jnp.isnan(ctrl).any()
+        after = contain(fault, before, after.replace(engine=engine.renew(after.engine, fault)))
+        world = self.bounded(world, after)
+        data = engine.pose(world.fields, after)
+        step = state.step + 1
+        return state.replace(
+            data=data,
+            world=world,
+            obs=self.module_observations(world, data),
+            reward=jnp.zeros_like(state.reward),
+            terminated=jnp.zeros((), bool),
+            truncated=fault | (step >= self.horizon),
+            step=step,
+            metrics={
+                "physics_fault": fault,
+                "layout_invalid": ~world.valid,
+                "contact_overflow": overflow & ~fault,
+            },
+        )
+
+    def _advance_physics(self, world: World, data: Data) -> tuple[World, Data, jax.Array]:
+        """All physics steps of an env step; the arena's limits follow every one, since boxes turn."""
+        if not self.is_limited or self.n_frames == 1:
+            return world, *self.engine.advance(world.fields, data, self.n_frames)
+
+        def frame(carry: tuple[World, Data], _: None) -> tuple[tuple[World, Data], jax.Array]:
+            world, data = carry
+            data, overflow = self.engine.advance(world.fields, data, 1)
+            return (self.bounded(world, data), data), overflow
+
+        (world, data), overflow = jax.lax.scan(frame, (world, data), length=self.n_frames)
+        return world, data, overflow.any()
+
+    def _fault(self, world: World, data: Data) -> jax.Array:
+        entities = self.movables
+        # Of slides and free joints alike, the first three coordinates are the position itself.
+        position = data.qpos[np.concatenate([m.qpos_ids[:, :3] for m in entities])]
+        active = jnp.concatenate([world.active[m.kind] for m in entities])
+        is_agent = np.concatenate([np.full(m.n_max, m is self.agents) for m in entities])
+        return find_fault(data, world.plan, position, active, is_agent)
 
 
 def check_environment(env: Any) -> Environment:
@@ -84,14 +297,3 @@ def check_environment(env: Any) -> Environment:
     if not isinstance(env, Environment):
         raise ValueError(f"env: got {described(env)}; takes an environment, as maax.make(...) gives it")
     return env
-
-
-def _named(step: Callable) -> Callable:
-    """`step`, whose operations carry the name of their environment's class, by which profiles tell layers apart."""
-
-    @wraps(step)
-    def named(self: Environment, state: State, action: Any) -> State:
-        with jax.named_scope(type(self).__name__):
-            return step(self, state, action)
-
-    return named

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import jax
 import jax.numpy as jnp
 
 from maax_mjx.common.checks import is_traced
 from maax_mjx.common.keys import named_keys
 from maax_mjx.common.params import DomainParams, params_in_bounds
+from maax_mjx.core.composition import Composition
 from maax_mjx.layout import Layout
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.physics import model_fields
 
-if TYPE_CHECKING:
-    from maax_mjx.core.base import Base
-
 LAYOUT_TRIES = 8
 
 
-def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
+def draw_layout(env: Composition, key: jax.Array, params: DomainParams) -> Layout:
     """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
     floor_size = env.floor_range.draw(key, params, 1)[0]
     in_bounds = params_in_bounds(params, env.parameters) if is_traced(params) else jnp.ones((), bool)
@@ -35,7 +31,7 @@ def draw_layout(env: Base, key: jax.Array, params: DomainParams) -> Layout:
     return layout.replace(valid=layout.valid & in_bounds)
 
 
-def _empty_layout(env: Base, attempt: jax.Array, floor_size: jax.Array) -> Layout:
+def _empty_layout(env: Composition, attempt: jax.Array, floor_size: jax.Array) -> Layout:
     fields = model_fields(env.model, env.overlay)
     if env.floor_range.varies:
         half = floor_size / 2

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-Colour = tuple[float, float, float, float]
-"""Red, green, blue and opacity in [0, 1]."""
+from maax_mjx.common.colours import Colour
 
 
 @dataclass(frozen=True)
@@ -59,3 +58,9 @@ def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[C
 def member_of(team: str) -> str:
     """What one of a team is called: "hider" of "hiders", "red" of "red"."""
     return team[:-1] if len(team) > 1 and team.endswith("s") and not team.endswith("ss") else team
+
+
+def agent_names(teams: Mapping[str, Team]) -> tuple[str, ...]:
+    """The names of all agents by slot."""
+    named = {slot: name for team in teams.values() for slot, name in zip(team.slots, team.agents, strict=True)}
+    return tuple(named[slot] for slot in sorted(named))

@@ -10,9 +10,12 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.checks import check_count, check_count_range
+from maax_mjx.common.colours import GREY, TEAM_COLOURS, Colour
+from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.placed import Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
@@ -32,7 +35,7 @@ class Agents(Entities):
         n_agents: how many; or by team, how many or (low, high), drawn per world: `{"hiders": (1, 3), "seekers": 2}`.
             The slots of the first team come first. Absent agents are masked (`agent_mask`), parked and deaf to actions.
         placement_fn: one function for all, or a list with one per slot.
-        colors: RGBA per slot; None is grey for all.
+        colors: RGBA per slot; None is a colour per team, grey where there is one team.
         random_yaw: whether agents start facing anywhere; else all face -y.
         friction: sliding friction, or a range, the parameter `agent_friction`; None keeps MuJoCo's default of 1.
         damping: of x, y (N s/m) and yaw (Nm s/rad), or a range, the parameter `agent_damping`; z keeps 1.
@@ -41,13 +44,10 @@ class Agents(Entities):
         polar_obs: whether `agent_qpos_qvel` has cos and sin of the yaw, or the yaw itself.
 
     Raises:
-        ValueError: no agent at all, or a list of the wrong length.
+        ValueError: no agent at all, a team without agents, or a list of the wrong length.
     """
 
-    name = "agents"
     kind = "agent"
-    count_name = "n_agents"
-    friction_name = "agent_friction"
     rest_depth = 3.67e-4
     contacts_each = 4.5
     is_round = True
@@ -65,9 +65,9 @@ class Agents(Entities):
         per_object: bool = True,
         polar_obs: bool = False,
     ):
-        self.teams, self._fixed = _check_teams(n_agents), not isinstance(n_agents, Mapping)
+        self.team_sizes, self._fixed = _check_teams(n_agents), not isinstance(n_agents, Mapping)
         super().__init__(
-            sum(high for _, high in self.teams.values()),
+            sum(high for _, high in self.team_sizes.values()),
             (DIAMETER, DIAMETER, DIAMETER),
             placement_fn,
             friction=friction,
@@ -78,7 +78,7 @@ class Agents(Entities):
         self.damping = Ranged("agent_damping", damping, argument="damping")
         self.gear = Ranged("agent_gear", gear, above=True, argument="gear")
         self.polar_obs = polar_obs
-        colors = [(0.5, 0.5, 0.5, 1.0)] * self.n_max if colors is None else colors
+        colors = self._team_colours() if colors is None else colors
         try:
             self.colors = np.asarray(colors, float)
         except (TypeError, ValueError):
@@ -88,12 +88,18 @@ class Agents(Entities):
 
     @property
     def counts(self) -> dict[str, tuple[int, int]]:
-        return self.teams
+        return {f"n_{team}": size for team, size in self.team_sizes.items()}
 
     @property
     def team_index(self) -> np.ndarray:
         """(n_max,) the team of every slot."""
-        return np.repeat(np.arange(len(self.teams)), [high for _, high in self.teams.values()])
+        return np.repeat(np.arange(len(self.team_sizes)), [high for _, high in self.team_sizes.values()])
+
+    def _team_colours(self) -> list[Colour]:
+        """The colour of every slot, where none were given."""
+        if len(self.team_sizes) == 1:
+            return [GREY] * self.n_max
+        return [TEAM_COLOURS[team % len(TEAM_COLOURS)] for team in self.team_index]
 
     @property
     def ranges(self) -> list[Ranged]:
@@ -102,7 +108,7 @@ class Agents(Entities):
     @property
     def parameters(self) -> list[Parameter]:
         # One team of a fixed number is all that is known of it: none of the agents can be absent.
-        counts = [Parameter(name, pair, pair if self._fixed else (0, pair[1])) for name, pair in self.teams.items()]
+        counts = [Parameter(name, pair, pair if self._fixed else (0, pair[1])) for name, pair in self.counts.items()]
         return counts + [p for ranged in self.ranges for p in ranged.parameters]
 
     @property
@@ -124,11 +130,18 @@ class Agents(Entities):
                 spec.joint(f"{name}:{motor}").damping[0] = self.damping.high
                 spec.actuator(f"{name}:{motor}").gear[0] = self.gear.high
 
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        super().cache_step(model)
-        names = [[f"{name}:{motor}" for motor in MOTORS] for name in self.names]
-        self.ctrl_ids = np.array([[model.actuator(n).id for n in row] for row in names], int)
-        self.driven_dofs = np.array([[model.joint(n).dofadr[0] for n in row] for row in names], int)
+    @from_model
+    def ctrl_ids(self) -> np.ndarray:
+        """(n_max, 3) the motors along x and y and about z."""
+        return np.array([[self.model.actuator(name).id for name in row] for row in self._motors()], int)
+
+    @from_model
+    def driven_dofs(self) -> np.ndarray:
+        """(n_max, 3) the degrees of freedom that the motors drive."""
+        return np.array([[self.model.joint(name).dofadr[0] for name in row] for row in self._motors()], int)
+
+    def _motors(self) -> list[list[str]]:
+        return [[f"{name}:{motor}" for motor in MOTORS] for name in self.names]
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
         fields = super().draw_fields(key, fields, params, places)
@@ -155,16 +168,26 @@ class Agents(Entities):
         }
         return {name: jnp.where(active[:, None], x, 0.0) for name, x in obs.items()} | {"agent_mask": active}
 
+    def declared(self) -> dict[str, Observed]:
+        turn = TURN if self.polar_obs else YAW
+        return {
+            "agent_qpos_qvel": Observed((AGENT,), (*POSITION, *turn, *VELOCITY, *SPIN), private=False),
+            "agent_pos": Observed((AGENT,), POSITION, private=False, derived=True),
+            "agent_angle": Observed((AGENT,), (Column("heading", "rad", np.pi),), private=False, derived=True),
+            "agent_mask": Observed((AGENT,), private=False),
+        }
+
 
 def _check_teams(n_agents: int | Mapping[str, int | tuple[int, int]]) -> dict[str, tuple[int, int]]:
-    """By parameter name ("n_hiders"), the smallest and the largest number of every team."""
+    """The smallest and the largest number of every team, by its name."""
     if not isinstance(n_agents, Mapping):
         n = check_count("n_agents", n_agents, minimum=1)
-        return {"n_agents": (n, n)}
-    for name in n_agents:
+        return {"agents": (n, n)}
+    if not n_agents:
+        raise ValueError("n_agents: got no teams; takes at least one")
+    for name, count in n_agents.items():
         if not isinstance(name, str) or not name.isidentifier():
             raise ValueError(f"n_agents: got a team named {name!r}; takes names that are Python identifiers")
-    teams = {f"n_{name}": check_count_range(f"n_agents[{name!r}]", count) for name, count in n_agents.items()}
-    if not sum(high for _, high in teams.values()):
-        raise ValueError(f"n_agents: got {n_agents!r}; takes at least one agent in all")
-    return {name: pair for name, pair in teams.items() if pair[1]}
+        if not check_count_range(f"n_agents[{name!r}]", count)[1]:
+            raise ValueError(f"n_agents: got no agents in team {name!r}; takes at least one, or leave the team out")
+    return {name: check_count_range(f"n_agents[{name!r}]", count) for name, count in n_agents.items()}

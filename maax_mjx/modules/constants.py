@@ -8,6 +8,7 @@ import numpy as np
 
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.module import Module
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Overlay
@@ -45,8 +46,9 @@ class FloorAttributes(Module):
         if self.rgba is not None:
             floor.rgba = self.rgba
 
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        self._geom_id = np.array([model.geom("floor").id])
+    @from_model
+    def _geom_id(self) -> np.ndarray:
+        return np.array([self.model.geom("floor").id])
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
         if not self.friction.varies:

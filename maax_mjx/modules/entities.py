@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +11,10 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.observed import POSITION, ROTATION, SPIN, SPINS, TURN, VELOCITY, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.placed import Placed, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
@@ -21,7 +24,7 @@ from maax_mjx.worldgen import Floor, Obj
 class Entities(Placed):
     """A kind of movable object. Slots beyond the drawn count stay parked above the arena, weightless and masked.
 
-    A subclass sets `name`, `kind` and `count_name`, and implements `make`.
+    A subclass sets `kind` and implements `make`.
 
     Attributes:
         rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
@@ -44,7 +47,7 @@ class Entities(Placed):
     rest_depth = 1.08e-4
     contacts_each = 6.5
     static = False
-    friction_name: str
+    friction_name: str = ""
     friction_argument = "friction"
 
     def __init__(
@@ -61,6 +64,7 @@ class Entities(Placed):
     ):
         super().__init__(count, placement_fn, random_yaw=random_yaw, minimum=minimum)
         self.extent = np.asarray(extent, np.float32)
+        self.friction_name = self.friction_name or f"{self.kind}_friction"
         self.friction = (
             None if friction is None else Ranged(self.friction_name, friction, argument=self.friction_argument)
         )
@@ -73,7 +77,7 @@ class Entities(Placed):
 
     @property
     def ranges(self) -> list[Ranged]:
-        """What of these can be a range besides their number."""
+        """The numbers of these that can be ranges, besides how many there are."""
         return [self.friction] if self.friction else []
 
     @property
@@ -107,22 +111,55 @@ class Entities(Placed):
         """The geoms of one object."""
         return list(spec.body(name).geoms)
 
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        joints = [model.joint(f"{name}:{'free' if self.free else 'x'}") for name in self.names]
-        n_q, n_v = (7, 6) if self.free else (4, 4)
-        self.body_ids = np.array([model.body(name).id for name in self.names], int)
-        self.geom_ids = np.array([model.geom(name).id for name in self.names], int)
-        nested = np.isin(model.body_parentid, self.body_ids)
+    @from_model
+    def body_ids(self) -> np.ndarray:
+        """(n_max,) the bodies.
+
+        Raises:
+            ValueError: `make` gave a body inside another.
+        """
+        ids = np.array([self.model.body(name).id for name in self.names], int)
+        nested = np.isin(self.model.body_parentid, ids)
         if nested.any():
-            inner = model.body(nested.argmax()).name
+            inner = self.model.body(nested.argmax()).name
             raise ValueError(f"make: {inner!r} is a body inside an entity; takes a single body")
+        return ids
+
+    @from_model
+    def geom_ids(self) -> np.ndarray:
+        """(n_max,) the geom of each that has its name."""
+        return np.array([self.model.geom(name).id for name in self.names], int)
+
+    @from_model
+    def _geoms_of_slots(self) -> list[np.ndarray]:
         # An entity of a user's own may have several geoms, the body's namesake among them.
-        slots = [np.flatnonzero(model.geom_bodyid == body) for body in self.body_ids]
-        self.all_geom_ids = np.concatenate([np.zeros(0, int), *slots])
-        self.slot_of_geom = np.repeat(np.arange(self.n_max), [len(ids) for ids in slots])
+        return [np.flatnonzero(self.model.geom_bodyid == body) for body in self.body_ids]
+
+    @from_model
+    def all_geom_ids(self) -> np.ndarray:
+        """(n_geoms,) all geoms, in the order of the slots."""
+        return np.concatenate([np.zeros(0, int), *self._geoms_of_slots])
+
+    @from_model
+    def slot_of_geom(self) -> np.ndarray:
+        """(n_geoms,) the slot of each of `all_geom_ids`."""
+        return np.repeat(np.arange(self.n_max), [len(ids) for ids in self._geoms_of_slots])
+
+    @from_model
+    def qpos_ids(self) -> np.ndarray:
+        """(n_max, 4) where x, y, z and yaw are in `qpos`; (n_max, 7) with free joints: position and quaternion."""
+        first = [joint.qposadr[0] for joint in self._first_joints()]
+        return _consecutive(first, 7 if self.free else 4)
+
+    @from_model
+    def qvel_ids(self) -> np.ndarray:
+        """(n_max, 4) where the velocities of x, y, z and yaw are in `qvel`; (n_max, 6) with free joints."""
+        first = [joint.dofadr[0] for joint in self._first_joints()]
+        return _consecutive(first, 6 if self.free else 4)
+
+    def _first_joints(self) -> list[Any]:
         # x, y, z and yaw follow each other in qpos and qvel, as a free joint's parts do.
-        self.qpos_ids = np.array([j.qposadr[0] + np.arange(n_q) for j in joints], int).reshape(-1, n_q)
-        self.qvel_ids = np.array([j.dofadr[0] + np.arange(n_v) for j in joints], int).reshape(-1, n_v)
+        return [self.model.joint(f"{name}:{'free' if self.free else 'x'}") for name in self.names]
 
     def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
         active = places.active
@@ -157,10 +194,22 @@ class Entities(Placed):
         if not self.n_max:
             return {}
         active = world.active[self.kind]
-        obs = jnp.concatenate(self.observed(world, data), axis=1)
+        obs = jnp.concatenate(self.observation_columns(world, data), axis=1)
         return {f"{self.kind}_obs": jnp.where(active[:, None], obs, 0.0), f"{self.kind}_mask": active}
 
-    def observed(self, world: World, data: Data) -> list[jax.Array]:
+    def declared(self) -> dict[str, Observed]:
+        if not self.n_max:
+            return {}
+        return {
+            f"{self.kind}_obs": Observed((self.kind,), self.declared_columns()),
+            f"{self.kind}_mask": Observed((self.kind,)),
+        }
+
+    def declared_columns(self) -> tuple[Column, ...]:
+        """What `observation_columns` gives."""
+        return (*POSITION, *ROTATION, *VELOCITY, *SPINS) if self.free else (*POSITION, *TURN, *VELOCITY, *SPIN)
+
+    def observation_columns(self, world: World, data: Data) -> list[jax.Array]:
         """The columns of `<kind>_obs`, (n_max, k) each."""
         qpos, qvel = data.qpos[self.qpos_ids], data.qvel[self.qvel_ids]
         if self.free:
@@ -168,6 +217,11 @@ class Entities(Placed):
         else:
             turn = jnp.stack([jnp.cos(qpos[:, 3]), jnp.sin(qpos[:, 3])], axis=1)
         return [qpos[:, :3], turn, qvel]
+
+
+def _consecutive(first: Sequence[int], n: int) -> np.ndarray:
+    """(len(first), n) numbers that follow each of `first`."""
+    return np.array([start + np.arange(n) for start in first], int).reshape(-1, n)
 
 
 def _first_columns(quat: jax.Array) -> jax.Array:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.observed import POSITION, SIZE, SPIN, VELOCITY, YAW, Column
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import PlacementFn, World, uniform_placement
 from maax_mjx.modules.elongated import Elongated
@@ -49,10 +50,9 @@ class Boxes(Entities):
         ValueError: a negative or reversed count, or a size or mass that is not positive.
     """
 
-    name = "boxes"
     kind = "box"
     count_name = "n_boxes"
-    friction_name = friction_argument = "box_friction"
+    friction_argument = "box_friction"
 
     def __init__(
         self,
@@ -130,9 +130,14 @@ class Boxes(Entities):
             fields = set_masses(fields, self.body_ids, self.qvel_ids, mass, inertia)
         return fields
 
-    def observed(self, world: World, data: Data) -> list[jax.Array]:
-        """As of `Entities`; the yaw itself without `polar_obs`, then the index and the extents if asked for."""
-        position, turn, velocity = super().observed(world, data)
+    def declared_columns(self) -> tuple[Column, ...]:
+        columns = super().declared_columns() if self.polar_obs else (*POSITION, *YAW, *VELOCITY, *SPIN)
+        columns += (Column("index"),) if self.boxid_obs else ()
+        return (*columns, *SIZE) if self.boxsize_obs else columns
+
+    def observation_columns(self, world: World, data: Data) -> list[jax.Array]:
+        """Adds to those of `Entities` the index and the extents if asked for; without `polar_obs` yaw is one column."""
+        position, turn, velocity = super().observation_columns(world, data)
         if not self.polar_obs:
             turn = data.qpos[self.qpos_ids[:, 3:]]
         columns = [position, turn, velocity]
@@ -156,10 +161,8 @@ class Ramps(Entities):
         ValueError: a negative or reversed count.
     """
 
-    name = "ramps"
     kind = "ramp"
-    count_name = "n_ramps"
-    friction_name = friction_argument = "ramp_friction"
+    friction_argument = "ramp_friction"
 
     def __init__(
         self,

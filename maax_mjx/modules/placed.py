@@ -33,7 +33,7 @@ class Places(struct.PyTreeNode):
 
 
 class Placed(Module):
-    """Objects of one kind. A subclass sets `name`, `kind` and `count_name`, and implements `write`.
+    """Objects of one kind. A subclass sets `kind` and implements `write`.
 
     Args:
         count: how many per world, or (low, high).
@@ -41,13 +41,16 @@ class Placed(Module):
         random_yaw: whether each is turned by a uniformly random angle; else all are at yaw 0.
 
     Attributes:
+        kind: the name of the kind in the singular, such as "box": of the module, of its bodies ("box0"), of its
+            observations, and of the axis that counts them.
+        count_name: of the parameter that is their number; "n_<kind>s" unless a subclass sets it.
         n_max: how many slots there are.
         extent: (3,) the largest extents of one in metres.
         is_round: whether turning one leaves its footprint as it is.
     """
 
     kind: str
-    count_name: str
+    count_name: str = ""
     extent: np.ndarray
     is_round = False
 
@@ -59,6 +62,8 @@ class Placed(Module):
         random_yaw: bool = False,
         minimum: int = 0,
     ):
+        self.name = self.kind
+        self.count_name = self.count_name or f"n_{self.kind}s"
         self.count = check_count_range(self.count_name, count, minimum)
         self.n_max = self.count[1]
         self.placement_fns: list[Callable] = check_per_object("placement_fn", placement_fn, self.n_max)
@@ -67,12 +72,17 @@ class Placed(Module):
 
     @property
     def counts(self) -> dict[str, tuple[int, int]]:
-        """By parameter, the least and the most of these objects; slots in this order."""
+        """The least and the most of these objects by parameter; slots in this order."""
         return {self.count_name: self.count}
 
     @property
+    def plural(self) -> str:
+        """What several are called, such as "boxes"."""
+        return self.count_name.removeprefix("n_")
+
+    @property
     def names(self) -> list[str]:
-        """Of all slots: "box0", "box1", ..."""
+        """The names of all slots: "box0", "box1", ..."""
         return [f"{self.kind}{i}" for i in range(self.n_max)]
 
     @property

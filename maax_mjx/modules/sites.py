@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.checks import check_positive
+from maax_mjx.common.observed import POSITION, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.layout.grid import within
@@ -24,7 +25,7 @@ CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) / 2
 class Sites(Placed):
     """Things of a place and a size, without a body.
 
-    They take their cells, so that nothing else starts on them. A subclass sets `name`, `kind`, `count_name`, `rgba`.
+    They take their cells, so that nothing else starts on them. A subclass sets `kind` and `rgba`.
 
     Args:
         count: how many per world, or (low, high).
@@ -65,6 +66,11 @@ class Sites(Placed):
             return {}
         return {f"{self.kind}_pos": world.sites[self.kind], f"{self.kind}_mask": world.active[self.kind]}
 
+    def declared(self) -> dict[str, Observed]:
+        if not self.n_max:
+            return {}
+        return {f"{self.kind}_pos": Observed((self.kind,), POSITION), f"{self.kind}_mask": Observed((self.kind,))}
+
 
 class Food(Sites):
     """Food to be found and, with the game's mechanics, eaten.
@@ -78,7 +84,6 @@ class Food(Sites):
         ValueError: a negative or reversed count, or a size that is not positive.
     """
 
-    name = "food"
     kind = "food"
     count_name = "n_food"
     is_round = True
@@ -110,7 +115,6 @@ class ConstructionSites(Sites):
         ValueError: a negative or reversed count, or a size that is not positive.
     """
 
-    name = "construction_sites"
     kind = "construction_site"
     count_name = "n_sites"
     rgba = (0.9, 0.5, 0.1, 0.5)
@@ -144,7 +148,7 @@ class ConstructionSites(Sites):
         return jnp.asarray(self.extent) * self.elongated.draw(key, params, wanted)
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """As of `Sites`, and `construction_site_corner_pos` (n_max, 4, 3)."""
+        """Adds `construction_site_corner_pos` (n_max, 4, 3) to what `Sites` observe."""
         if not self.n_max:
             return {}
         obs = super().observation_step(world, data)
@@ -153,6 +157,10 @@ class ConstructionSites(Sites):
         corners = world.sites[self.kind][:, None] + offset
         active = world.active[self.kind][:, None, None]
         return obs | {f"{self.kind}_corner_pos": jnp.where(active, corners, 0.0)}
+
+    def declared(self) -> dict[str, Observed]:
+        corners = {f"{self.kind}_corner_pos": Observed((self.kind, "corner"), POSITION)} if self.n_max else {}
+        return super().declared() | corners
 
 
 class Flags(Sites):
@@ -167,9 +175,7 @@ class Flags(Sites):
         ValueError: a size that is not positive.
     """
 
-    name = "flags"
     kind = "flag"
-    count_name = "n_flags"
     is_round = True
     rgba = (0.94, 0.89, 0.26, 1.0)
 

@@ -13,7 +13,7 @@ from maax_mjx.tasks.hide_and_seek import (
 )
 from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.registry import config_of, jitted, make, register, tasks
-from maax_mjx.tasks.standard import GameConfig, StandardConfig, standard
+from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, standard, world
 from maax_mjx.tasks.tag import TagConfig, tag
 
 register("standard", standard, StandardConfig)
@@ -35,6 +35,7 @@ __all__ = [
     "RectConfig",
     "StandardConfig",
     "TagConfig",
+    "WorldConfig",
     "capture_the_flag",
     "config_of",
     "hide_and_seek",
@@ -45,4 +46,5 @@ __all__ = [
     "standard",
     "tag",
     "tasks",
+    "world",
 ]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Flags
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, standard
+from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, sides_of, world
 from maax_mjx.wrappers import AgentAgentContactMask2D, CaptureTheFlag, TeamMembership
 
 
@@ -15,17 +16,21 @@ from maax_mjx.wrappers import AgentAgentContactMask2D, CaptureTheFlag, TeamMembe
 class CaptureTheFlagConfig(GameConfig):
     """Two against two, each in a room of its own with a base and a door between; a few boxes to hide behind.
 
-    The teams are the slots of `n_hiders` and of `n_seekers`. The rules are those of `CaptureTheFlag`.
+    The rules are those of `CaptureTheFlag`.
 
     Attributes:
+        teams: agents per world by team, or (low, high); two teams.
+        agent_placement: where they start; one for all, or one by team.
         reach, wins_at: see `CaptureTheFlag`.
     """
 
     scenario: str = "half"
     n_boxes: CountRange = (1, 3)
     n_ramps: CountRange = 0
-    hider_placement: Placement = "room0"
-    seeker_placement: Placement = "room1"
+    teams: Mapping[str, CountRange] = field(default_factory=lambda: {"blues": 2, "reds": 2})
+    agent_placement: Placement | Mapping[str, Placement] = field(
+        default_factory=lambda: {"blues": "room0", "reds": "room1"}
+    )
     door_size: int = 6
     reach: float = 0.4
     wins_at: int = 3
@@ -37,8 +42,8 @@ def capture_the_flag(config: CaptureTheFlagConfig) -> Environment:
     Raises:
         ValueError: what the world and the wrappers refuse.
     """
-    base = standard(config)
+    base = world(config, sides_of(config.teams, config.agent_placement))
     base.add_module(Flags())
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     env = CaptureTheFlag(env, config.reach, config.wins_at, config.reward_scale)
-    return observed_by_agents(env, config.observations, config.observe, ["carries", "is_out"])
+    return observed_by_agents(env, config.observations, config.observe)

@@ -16,7 +16,8 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
 
     Args:
         config: a frozen dataclass.
-        overrides: values by name: "n_boxes", or "world_params.gravity" for a field of a field.
+        overrides: values by name: "n_boxes", or "world_params.gravity" for a field of a field, "teams.players"
+            for an item of a mapping.
         where: what messages call this.
 
     Raises:
@@ -27,6 +28,10 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
         inner = getattr(config, head, None)
         if head not in {f.name for f in fields(config)}:  # type: ignore[arg-type]
             check_choice(where, name, field_names(config))
+        if dot and isinstance(inner, Mapping):
+            check_choice(f"{where}, {head}", rest, inner)
+            config = replace(config, **{head: {**inner, rest: value}})  # type: ignore[type-var]
+            continue
         if dot and (not is_dataclass(inner) or isinstance(inner, type)):
             raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
         config = replace(config, **{head: override(inner, {rest: value}, f"{where}, {head}") if dot else value})  # type: ignore[type-var]
@@ -39,6 +44,7 @@ def field_names(config: Any) -> list[str]:
     for f in fields(config):
         inner = getattr(config, f.name)
         names.append(f.name)
+        names += [f"{f.name}.{name}" for name in inner] if isinstance(inner, Mapping) else []
         if is_dataclass(inner) and not isinstance(inner, type):
             names += [f"{f.name}.{name}" for name in field_names(inner)]
     return names

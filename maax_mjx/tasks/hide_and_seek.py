@@ -8,7 +8,7 @@ from typing import Any
 from maax_mjx.common.checks import check_bool
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, Range, standard
+from maax_mjx.tasks.standard import CountRange, GameConfig, HidersAndSeekers, Placement, Range, world
 from maax_mjx.worldgen import WorldParams
 from maax_mjx.wrappers import (
     AgentAgentContactMask2D,
@@ -30,7 +30,7 @@ from maax_mjx.wrappers.senses import CONE
 class LockConfig:
     """Arguments of `LockObjects`."""
 
-    objects: tuple[str, ...] = ("boxes", "ramps")
+    objects: tuple[str, ...] = ("box", "ramp")
     lock_type: str = "team"
     radius: float = 0.25
     method: str = "equality"
@@ -42,7 +42,7 @@ class LockConfig:
 class GrabConfig:
     """Arguments of `GrabObjects`."""
 
-    objects: tuple[str, ...] = ("boxes", "ramps")
+    objects: tuple[str, ...] = ("box", "ramp")
     radius: float = 0.25
     exclusive: bool = False
     selective: bool = False
@@ -51,11 +51,11 @@ class GrabConfig:
 
 @dataclass(frozen=True)
 class LidarConfig:
-    """Arguments of `Lidar`."""
+    """Arguments of `Lidar`; its frame, unless given, is the agent's for observations="ego" and the world's else."""
 
     n_rays: int = 30
     range: float = 6.0
-    frame: str = "world"
+    frame: str | None = None
     compress: float | None = None
 
 
@@ -69,7 +69,7 @@ class RectConfig:
 
 
 @dataclass(frozen=True)
-class HideAndSeekConfig(GameConfig):
+class HideAndSeekConfig(HidersAndSeekers, GameConfig):
     """The thesis's game (section 5.2.1): M, touching counts, locking, rewards at every step after preparation.
 
     Attributes:
@@ -126,7 +126,7 @@ class QuadrantConfig(HideAndSeekConfig):
     by: str = "vision"
     rew_type: str = "team_zero_sum"
     cone: float | None = CONE
-    lock: LockConfig | None = LockConfig(objects=("boxes",), per_object=False, in_vision_only=True)
+    lock: LockConfig | None = LockConfig(objects=("box",), per_object=False, in_vision_only=True)
     grab: GrabConfig | None = GrabConfig(in_vision_only=True)
     lidar: LidarConfig | None = LidarConfig()
     rect: RectConfig | None = RectConfig()
@@ -168,12 +168,14 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
         ValueError: what the world and the wrappers refuse.
     """
     check_bool("stats", config.stats)
-    env: Environment = TeamMembership(standard(config))
+    env: Environment = TeamMembership(world(config, config.sides))
     env = AgentAgentContactMask2D(env)
     if config.cone is not None:
         env = LineOfSight(env, config.cone)
     if config.lidar is not None:
-        env = Lidar(env, **_arguments("lidar", config.lidar, LidarConfig))
+        frame = "agent" if config.observations == "ego" else "world"
+        lidar = _arguments("lidar", config.lidar, LidarConfig)
+        env = Lidar(env, **lidar | {"frame": frame if config.lidar.frame is None else config.lidar.frame})
     if config.lock is not None:
         env = LockObjects(env, **_arguments("lock", config.lock, LockConfig))
     if config.grab is not None:

@@ -17,7 +17,8 @@ from maax_mjx.tasks import scripted
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
 from maax_mjx.tasks.registry import make
 
-HIDER, SEEKER = 0, 1
+FIRST, SECOND = 0, 1
+"""Slots of the hider and the seeker in plays of one against one."""
 MARGIN = 4
 """Cells between a box and the quadrant's walls, so that an agent can get behind it."""
 
@@ -43,7 +44,6 @@ class Scene(NamedTuple):
         Args:
             state: from `reset`.
         """
-        _ = self.env.base.model  # gives the modules their ids, where nothing was reset yet
 
         def step(state: State, _: None) -> tuple[State, State]:
             state = self.env.step(state, self.act(state))
@@ -77,13 +77,13 @@ def closed_door(impl: str = "auto", *, close: bool = True) -> Scene:
     """
     env = make(
         "hide_and_seek", impl=impl, n_hiders=1, n_seekers=1, n_ramps=0, p_door_dropout=1.0,
-        box_placement=_away_from_walls, lock=LockConfig(("boxes",)), grab=GrabConfig(("boxes",)), horizon=1001,
+        box_placement=_away_from_walls, lock=LockConfig(("box",)), grab=GrabConfig(("box",)), horizon=1001,
         observations="raw",
     )  # fmt: skip
 
     def act(state: State) -> dict[str, Any]:
-        forces, parts = scripted.close_door(state, env, HIDER)
-        seeking = scripted.chase(state, env, SEEKER, jnp.array([True, False]))
+        forces, parts = scripted.close_door(state, env, FIRST)
+        seeking = scripted.chase(state, env, SECOND, jnp.array([True, False]))
         chosen = {name: jnp.array([1, 0]) * part * close for name, part in parts.items()}
         return scripted.to_action(env, jnp.stack([forces * close, seeking]), **chosen)
 
@@ -101,17 +101,17 @@ def over_the_wall(impl: str = "auto") -> Scene:
     def reset(key: jax.Array) -> State:
         state = env.reset(key)
         wall = scripted.quadrant_rect(state, env)[3]
-        ramp, seeker = base.modules["ramps"].qpos_ids[0], base.agents.qpos_ids[SEEKER]  # type: ignore[attr-defined]
+        ramp, seeker = base.modules["ramp"].qpos_ids[0], base.agents.qpos_ids[SECOND]  # type: ignore[attr-defined]
         x = jax.random.uniform(key, minval=3.8, maxval=5.2)
         qpos = state.data.qpos.at[ramp].set(jnp.stack([x, wall + 0.31, 0.25, 0.0]))
         qpos = qpos.at[seeker].set(jnp.stack([x, wall + 1.5, 0.15, 0.0]))
         return state.replace(data=base.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
 
     def act(state: State) -> dict[str, Any]:
-        here = state.data.xpos[base.agents.body_ids[SEEKER], :2]
-        hider = state.data.xpos[base.agents.body_ids[HIDER], :2]
+        here = state.data.xpos[base.agents.body_ids[SECOND], :2]
+        hider = state.data.xpos[base.agents.body_ids[FIRST], :2]
         goal = jnp.where(scripted.in_quadrant(state, env, here), hider, jnp.stack([here[0], 1.0]))
-        return scripted.to_action(env, jnp.stack([jnp.zeros(3), scripted.towards(state, env, SEEKER, goal)]))
+        return scripted.to_action(env, jnp.stack([jnp.zeros(3), scripted.towards(state, env, SECOND, goal)]))
 
     return Scene(env, reset, act, 60)
 

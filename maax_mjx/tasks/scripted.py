@@ -85,7 +85,7 @@ def close_door(state: State, env: Environment, agent: int, box: int = 0) -> tupl
     Returns:
         (3,) forces; "grab" and "lock", () {0, 1} each.
     """
-    boxes = env.base.modules["boxes"]
+    boxes = env.base.modules["box"]
     ids = env.base.agents.qpos_ids[agent]
     here, yaw = state.data.qpos[ids[:2]], state.data.qpos[ids[3]]
     turning = state.data.qvel[env.base.agents.qvel_ids[agent, 3]]

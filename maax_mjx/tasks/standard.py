@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from maax_mjx.common.checks import check_choice, check_count_range
-from maax_mjx.core.base import Base
+from maax_mjx.common.colours import TEAM_COLOURS, Colour
+from maax_mjx.core.env import Base
 from maax_mjx.layout import (
     PlacementFn,
     outside_quad_placement,
@@ -18,7 +20,7 @@ from maax_mjx.layout import (
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
 from maax_mjx.worldgen import WorldParams
 
-HIDER, SEEKER = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
+HIDER_COLOUR, SEEKER_COLOUR = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 NEAR = 0.5
 """Metres from the first of the team, for placement "team"."""
 PLACEMENTS = ("uniform", "quad", "outside_quad", "room0", "room1", "team")
@@ -29,19 +31,18 @@ Placement = str | PlacementFn
 
 
 @dataclass(frozen=True)
-class StandardConfig:
-    """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp.
+class WorldConfig:
+    """A room with boxes and ramps, for whatever teams play in it.
 
-    Hiders come first among the agents. A placement is "uniform"; "quad" or "outside_quad" (both anywhere in an
-    environment without a quadrant); "room0" or "room1" (see `room_placement`); of a team's members, "team" (within
-    0.5 m of the first of them, who starts anywhere); or a placement function.
+    A placement is a name, such as "uniform", "quad" or "outside_quad" (both anywhere in an environment without a
+    quadrant), "room0" or "room1" (see `room_placement`); of a team's members "team" (within 0.5 m of the first of them,
+    who starts anywhere); or a placement function.
 
     Attributes:
         scenario: the room scenario, or several of which every world draws one; see `WallScenarios`.
-        n_hiders, n_seekers: agents of each team per world, or (low, high).
         n_boxes, n_ramps: per world, or (low, high).
         n_elongated_boxes: how many of the boxes are elongated; see `Boxes`.
-        hider_placement, seeker_placement, box_placement, ramp_placement: where things start.
+        box_placement, ramp_placement: where things start.
         door_size: in cells.
         outer: what closes the arena; see `WallScenarios`.
         probabilities: of the scenarios, where there are several.
@@ -50,17 +51,14 @@ class StandardConfig:
             keeps MuJoCo's default of 1. Of two things in contact MuJoCo takes the larger.
         gear: of the agents' motors, in N and Nm; see `Agents`.
         random_yaw: whether agents, boxes and ramps start turned by random angles.
+        boxsize_obs: whether boxes are observed with their extents; None is where worlds differ in them.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
 
     scenario: str | Sequence[str] = "quad"
-    n_hiders: CountRange = 2
-    n_seekers: CountRange = 2
     n_boxes: CountRange = 1
     n_ramps: CountRange = 1
     n_elongated_boxes: CountRange = 0
-    hider_placement: Placement = "quad"
-    seeker_placement: Placement = "outside_quad"
     box_placement: Placement = "uniform"
     ramp_placement: Placement = "uniform"
     door_size: int = 2
@@ -77,6 +75,7 @@ class StandardConfig:
     floor_friction: Range | None = None
     gear: Range = 100.0
     random_yaw: bool = False
+    boxsize_obs: bool | None = None
     n_frames: int = 1
     grid_size: int = 30
     floor_size: Range = 6.0
@@ -87,14 +86,50 @@ class StandardConfig:
 
 
 @dataclass(frozen=True)
-class GameConfig(StandardConfig):
-    """What the configs of all games have.
+class HidersAndSeekers:
+    """Two teams, hiders and seekers; hiders come first among the agents.
+
+    Attributes:
+        n_hiders, n_seekers: agents of each team per world, or (low, high).
+        hider_placement, seeker_placement: where they start.
+    """
+
+    n_hiders: CountRange = 2
+    n_seekers: CountRange = 2
+    hider_placement: Placement = "quad"
+    seeker_placement: Placement = "outside_quad"
+
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """The teams that there are agents of.
+
+        Raises:
+            ValueError: no agents at all.
+        """
+        hiders = Side("hiders", self.n_hiders, self.hider_placement, "hider_placement", HIDER_COLOUR)
+        seekers = Side("seekers", self.n_seekers, self.seeker_placement, "seeker_placement", SEEKER_COLOUR)
+        sides = tuple(side for side in (hiders, seekers) if check_count_range(f"n_{side.name}", side.size)[1])
+        if not sides:
+            raise ValueError(
+                f"n_hiders, n_seekers: got {self.n_hiders} and {self.n_seekers}; takes at least one agent in all"
+            )
+        return sides
+
+
+@dataclass(frozen=True)
+class StandardConfig(HidersAndSeekers, WorldConfig):
+    """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp."""
+
+
+@dataclass(frozen=True)
+class GameConfig(WorldConfig):
+    """A world in which a game is played.
 
     Attributes:
         reward_scale: what the game's reward is multiplied with.
-        observations: "raw", "split" (arrays for every agent) or "flat" (one vector for every agent); see
-            `tasks.observe`.
-        observe: of flat observations, what is privileged: "self" (nothing), "team" or "all".
+        observations: "raw", "split" (arrays for every agent), "flat" (one vector for every agent) or "ego" (arrays in
+            every agent's own frame); see `tasks.observe`.
+        observe: what a critic sees: "self" (what its agent sees), "team" or "all".
     """
 
     reward_scale: float = 1.0
@@ -102,21 +137,61 @@ class GameConfig(StandardConfig):
     observe: str = "self"
 
 
+class Side(NamedTuple):
+    """A team as a config has it.
+
+    Attributes:
+        name: of the team.
+        size: agents per world, or (low, high).
+        placement: where they start.
+        argument: the config's field of the placement, for messages.
+        colour: RGBA in pictures; None is by the team's number.
+    """
+
+    name: str
+    size: CountRange
+    placement: Placement
+    argument: str
+    colour: Colour | None = None
+
+
+def sides_of(teams: Mapping[str, CountRange], placements: Mapping[str, Placement] | Placement) -> tuple[Side, ...]:
+    """The teams of a config's field `teams`, and of `agent_placement`: one for all, or one by team.
+
+    Raises:
+        ValueError: no teams, a team without agents, or placements for other teams.
+    """
+    if not isinstance(teams, Mapping) or not teams:
+        raise ValueError(f"teams: got {teams!r}; takes the number of agents by team, such as {{'players': 4}}")
+    if isinstance(placements, Mapping) and set(placements) != set(teams):
+        raise ValueError(f"agent_placement: got {sorted(placements)}; takes one for each of {sorted(teams)}")
+    sides = []
+    for name, count in teams.items():
+        if not check_count_range(f"teams[{name!r}]", count)[1]:
+            raise ValueError(f"teams: got no agents in {name!r}; takes at least one, or leave the team out")
+        placement = placements[name] if isinstance(placements, Mapping) else placements
+        sides.append(Side(name, count, placement, "agent_placement"))
+    return tuple(sides)
+
+
 def standard(config: StandardConfig) -> Base:
-    """Builds the world of a config.
+    """Builds M, or another world of hiders and seekers.
 
     Raises:
         ValueError: no agents at all, an unknown placement, or what the modules refuse.
     """
-    most_hiders = check_count_range("n_hiders", config.n_hiders)[1]
-    most_seekers = check_count_range("n_seekers", config.n_seekers)[1]
-    n_agents = most_hiders + most_seekers
-    if not n_agents:
-        raise ValueError(
-            f"n_hiders, n_seekers: got {config.n_hiders} and {config.n_seekers}; takes at least one agent in all"
-        )
+    return world(config, config.sides)
+
+
+def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
+    """Builds the world of a config, with some teams in it.
+
+    Raises:
+        ValueError: an unknown placement, or what the modules refuse.
+    """
+    most = [check_count_range(f"n_{side.name}", side.size)[1] for side in sides]
     env = Base(
-        n_agents,
+        sum(most),
         config.n_frames,
         config.grid_size,
         config.floor_size,
@@ -140,15 +215,19 @@ def standard(config: StandardConfig) -> Base:
     if config.floor_friction is not None:
         env.add_module(FloorAttributes(config.floor_friction))
 
-    def place(name: str, first: str = "", n: int = 1) -> list[PlacementFn]:
-        return _placement(name, getattr(config, name), walls.provides_quadrant, first, n)
+    def place(argument: str, placement: Placement, first: str = "", n: int = 1) -> list[PlacementFn]:
+        return _placement(argument, placement, walls.provides_quadrant, first, n)
 
+    first, placements, colours = 0, [], []
+    for i, (side, n) in enumerate(zip(sides, most, strict=True)):
+        placements += place(side.argument, side.placement, f"agent{first}", n)
+        colours += [side.colour or TEAM_COLOURS[i % len(TEAM_COLOURS)]] * n
+        first += n
     env.add_module(
         Agents(
-            {"hiders": config.n_hiders, "seekers": config.n_seekers},
-            place("hider_placement", "agent0", most_hiders)
-            + place("seeker_placement", f"agent{most_hiders}", most_seekers),
-            [HIDER] * most_hiders + [SEEKER] * most_seekers,
+            {side.name: side.size for side in sides},
+            placements,
+            colours,
             config.random_yaw,
             friction=config.agent_friction,
             gear=config.gear,
@@ -157,14 +236,20 @@ def standard(config: StandardConfig) -> Base:
     env.add_module(
         Boxes(
             config.n_boxes,
-            place("box_placement")[0],
+            place("box_placement", config.box_placement)[0],
             box_friction=config.box_friction,
             n_elongated_boxes=config.n_elongated_boxes,
             random_yaw=config.random_yaw,
+            boxsize_obs=config.boxsize_obs,
         )
     )
     env.add_module(
-        Ramps(config.n_ramps, place("ramp_placement")[0], config.ramp_friction, random_yaw=config.random_yaw)
+        Ramps(
+            config.n_ramps,
+            place("ramp_placement", config.ramp_placement)[0],
+            config.ramp_friction,
+            random_yaw=config.random_yaw,
+        )
     )
     return env
 

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, standard
+from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, sides_of, world
 from maax_mjx.wrappers import AgentAgentContactMask2D, Tag, TeamMembership
 
 
 @dataclass(frozen=True)
 class TagConfig(GameConfig):
-    """Four players in a room with boxes and a ramp; one of them is it. The players are the slots of `n_hiders`.
+    """Four players in a room with boxes and a ramp; one of them is it.
 
     Attributes:
+        teams: agents per world by team, or (low, high); of one team, everybody plays against whoever is it.
+        agent_placement: where they start; one for all, or one by team.
         immunity: see `Tag`.
     """
 
     scenario: str = "empty"
-    n_hiders: CountRange = 4
-    n_seekers: CountRange = 0
+    teams: Mapping[str, CountRange] = field(default_factory=lambda: {"players": 4})
+    agent_placement: Placement | Mapping[str, Placement] = "uniform"
     n_boxes: CountRange = (1, 3)
-    hider_placement: Placement = "uniform"
     immunity: int = 50
 
 
@@ -32,6 +34,7 @@ def tag(config: TagConfig) -> Environment:
     Raises:
         ValueError: what the world and the wrappers refuse.
     """
-    env: Environment = AgentAgentContactMask2D(TeamMembership(standard(config)))
+    base = world(config, sides_of(config.teams, config.agent_placement))
+    env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     env = Tag(env, config.immunity, config.reward_scale)
-    return observed_by_agents(env, config.observations, config.observe, ["is_it"])
+    return observed_by_agents(env, config.observations, config.observe)

@@ -111,7 +111,7 @@ class Stage:
         return np.flatnonzero(np.asarray(state.world.active[self.agents.kind]))
 
     def _team_names(self) -> list[str]:
-        names = [name.removeprefix("n_") for name in self.agents.teams]
+        names = list(self.agents.team_sizes)
         given = self.agents.team_index
         if len(names) > 1 and np.array_equal(self.team, given):
             return names

@@ -1,22 +1,19 @@
-"""The game: what agents are told, what they may do, what they are rewarded for."""
+"""The game: what agents observe, what they may do, what they are rewarded for."""
 
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
-from maax_mjx.wrappers.grabs.wrapper import GrabObjects
-from maax_mjx.wrappers.locks.wrapper import LockObjects
+from maax_mjx.wrappers.critic import CriticObservations
+from maax_mjx.wrappers.ego import EgocentricObservations
+from maax_mjx.wrappers.flatten import FlattenObservations, MaskObservations
+from maax_mjx.wrappers.grabs import GrabObjects
+from maax_mjx.wrappers.locks import LockObjects
 from maax_mjx.wrappers.masks import MaskActions, MaskUnseenAction
-from maax_mjx.wrappers.observations import (
-    ConcatenateObservations,
-    FlattenObservations,
-    MaskObservations,
-    SelectObservations,
-    SplitObservations,
-    SpoofEntities,
-)
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
+from maax_mjx.wrappers.select import ConcatenateObservations, SelectObservations, SpoofEntities
 from maax_mjx.wrappers.senses import Lidar, LineOfSight
+from maax_mjx.wrappers.split import SplitObservations
 from maax_mjx.wrappers.stats import TrackStats
 from maax_mjx.wrappers.tag import Tag
 from maax_mjx.wrappers.teams import TeamMembership
@@ -27,6 +24,7 @@ from maax_mjx.wrappers.wrapper import (
     StateWrapper,
     Wrapper,
     find,
+    find_all,
     layers,
 )
 
@@ -35,7 +33,9 @@ __all__ = [
     "AgentAgentContactMask2D",
     "CaptureTheFlag",
     "ConcatenateObservations",
+    "CriticObservations",
     "DiscretizeActions",
+    "EgocentricObservations",
     "FlattenObservations",
     "GrabObjects",
     "HideAndSeekReward",
@@ -58,5 +58,6 @@ __all__ = [
     "TrackStats",
     "Wrapper",
     "find",
+    "find_all",
     "layers",
 ]

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.observed import AGENT, POSITION, Column, Observed, flag
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -73,7 +74,7 @@ class CaptureTheFlag(Wrapper):
         self.reach = check_positive("reach", reach)
         self.wins_at = check_count("wins_at", wins_at, minimum=1)
         self.scale = check_positive("scale", scale)
-        if Flags.name not in self.base.modules:
+        if Flags.kind not in self.base.modules:
             raise ValueError("CaptureTheFlag: needs flags; add_module(Flags(...)) to the environment first")
         teams = self.inner(TeamMembership)
         if teams.n_teams != 2:
@@ -83,11 +84,11 @@ class CaptureTheFlag(Wrapper):
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         nobody = jnp.zeros(self.base.n_agents, bool)
         game = FlagGame(jnp.full(2, AT_BASE, jnp.int32), nobody, jnp.zeros(2, jnp.int32))
-        return self._observed(self.remember(self.env.reset(key, params), game))
+        return self._observe(self.remember(self.env.reset(key, params), game))
 
-    def step(self, state: State, action: Any) -> State:
+    def transition(self, state: State, action: Any) -> State:
         before: FlagGame = state.mechanics[self.name]
-        state = self.env.step(state, action)
+        state = self.env.advance(state, action)
         game = self._play(state, before)
         captured = (game.score - before.score).astype(state.reward.dtype)
         gained = (captured[self._team] - captured[1 - self._team]) * self.playing(state)
@@ -95,7 +96,7 @@ class CaptureTheFlag(Wrapper):
             reward=state.reward + self.scale * gained,
             terminated=state.terminated | (game.score >= self.wins_at).any(),
         )
-        return self._observed(self.remember(state, game))
+        return self._observe(self.remember(state, game))
 
     def _play(self, state: State, game: FlagGame) -> FlagGame:
         team, other = self._team, 1 - self._team
@@ -127,7 +128,7 @@ class CaptureTheFlag(Wrapper):
     def _positions(self, state: State) -> jax.Array:
         return state.data.xpos[self.base.agents.body_ids]
 
-    def _observed(self, state: State) -> State:
+    def _observe(self, state: State) -> State:
         game: FlagGame = state.mechanics[self.name]
         base = state.world.sites[Flags.kind]
         carried = self._positions(state)[game.carrier]
@@ -141,3 +142,12 @@ class CaptureTheFlag(Wrapper):
         }
         scores = {f"score_{i}": game.score[i] for i in range(2)}
         return state.replace(obs=state.obs | obs, metrics=state.metrics | scores)
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | {
+            "flag_pos": Observed((Flags.kind,), POSITION),
+            "flag_base": Observed((Flags.kind,), POSITION),
+            "carries": Observed((AGENT,), flag("carries"), private=False),
+            "is_out": Observed((AGENT,), flag("is out"), private=False),
+            "score": Observed(("team",), (Column("score"),)),
+        }

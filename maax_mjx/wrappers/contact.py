@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from maax_mjx.common.checks import check_positive
+from maax_mjx.common.observed import AGENT, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules.agents import DIAMETER
@@ -33,7 +34,7 @@ class AgentAgentContactMask2D(StateWrapper):
         super().__init__(env)
         self.distance = TOUCH if distance is None else check_positive("distance", distance)
 
-    def look(self, state: State) -> State:
+    def observe(self, state: State) -> State:
         agents = self.base.agents
         xy = state.data.qpos[agents.qpos_ids[:, :2]]
         dx, dy = (along[:, None] - along for along in xy.T)
@@ -41,3 +42,6 @@ class AgentAgentContactMask2D(StateWrapper):
         active = state.world.active[agents.kind]
         mask = near & active & active[:, None] & ~jnp.eye(len(xy), dtype=bool)
         return self.remember(state, mask).replace(obs=state.obs | {"contact_mask": mask})
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | {"contact_mask": Observed((AGENT, AGENT))}

@@ -27,7 +27,7 @@ class MaskActions(ActionWrapper):
         env: what to wrap.
         action: its name.
         mask: a function from the state before the step to (n_agents,) or (n_agents, k) bool, as many as the action
-            has; or names of what `LineOfSight` found after the step before, such as `("sees_boxes", "sees_ramps")`,
+            has; or names of what `LineOfSight` found after the step before, such as `("sees_box", "sees_ramp")`,
             joined along the last axis.
 
     Raises:
@@ -39,21 +39,25 @@ class MaskActions(ActionWrapper):
     def __init__(self, env: Environment, action: str, mask: Mask | Sequence[str]):
         super().__init__(env)
         self.masked = check_choice("action", action, env.action_space.spaces)
-        self._mask = mask if callable(mask) else self._seen(mask)
+        self._mask: Mask | None = mask if callable(mask) else None
+        self._names = () if callable(mask) else self._checked(mask)
         shape = env.action_space[action].shape or ()
-        got = jax.eval_shape(lambda key: self._mask(env.reset(key)), jax.random.key(0)).shape
+        got = jax.eval_shape(lambda key: self.allowed(env.reset(key)), jax.random.key(0)).shape
         if got not in (shape[:1], shape):
             raise ValueError(f"mask: has shape {got}; takes {shape[:1]} or {shape}, as action {action!r}")
 
-    def _seen(self, names: Sequence[str]) -> Mask:
-        sight = self.inner(LineOfSight)
-        if isinstance(names, str):
-            raise ValueError(f"mask: got {names!r}; takes a function, or a list of names of {list(sight.senses)}")
-        names = [check_choice("mask", name, sight.senses) for name in names]
-        return lambda state: sight.seen(state, names)
+    def allowed(self, state: State) -> jax.Array:
+        """What of the action is left: (n_agents,) or (n_agents, k) bool."""
+        return self.inner(LineOfSight).seen(state, self._names) if self._mask is None else self._mask(state)
 
     def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
-        return {**action, self.masked: shown(jnp.asarray(action[self.masked]), self._mask(state))}
+        return {**action, self.masked: shown(jnp.asarray(action[self.masked]), self.allowed(state))}
+
+    def _checked(self, names: Sequence[str]) -> tuple[str, ...]:
+        senses = self.inner(LineOfSight).senses
+        if isinstance(names, str):
+            raise ValueError(f"mask: got {names!r}; takes a function, or a list of names of {list(senses)}")
+        return tuple(check_choice("mask", name, senses) for name in names)
 
 
 class MaskUnseenAction(ActionWrapper):
@@ -80,7 +84,7 @@ class MaskUnseenAction(ActionWrapper):
         self._team, self._hiders, self._seekers = teams.of(team), teams.of(HIDERS), teams.of(SEEKERS)
 
     def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
-        sees = state.mechanics[LineOfSight.name]["sees_agents"]
+        sees = state.mechanics[LineOfSight.name]["sees_agent"]
         seen = (sees & self._seekers[:, None] & self._hiders).any()
         part = {self.masked: jnp.asarray(action[self.masked])}
         return {**action, **null_rows(part, seen & self._team)}

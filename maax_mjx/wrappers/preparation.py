@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from maax_mjx.common.arrays import null_rows
 from maax_mjx.common.checks import check_bool
+from maax_mjx.common.observed import AGENT, Observed, flag
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -31,6 +32,7 @@ class PreparationPhase(Wrapper):
 
     Attributes:
         n_steps: how many steps the phase has.
+        seekers: (n_agents,) bool, who waits in it.
 
     Raises:
         ValueError: a fraction outside [0, 1]; `blind` without a sense inside, or whose observations were changed.
@@ -45,20 +47,20 @@ class PreparationPhase(Wrapper):
         if isinstance(prep_fraction, bool) or not isinstance(prep_fraction, int | float) or not 0 <= prep_fraction <= 1:
             raise ValueError(f"prep_fraction: got {prep_fraction!r}; takes a number in [0, 1]")
         self.n_steps = ceil(round(prep_fraction * env.base.horizon, 9))
-        self._seekers = self.inner(TeamMembership).of(SEEKERS)
+        self.seekers = self.inner(TeamMembership).of(SEEKERS)
         self._senses = [layer for layer in layers(env) if layer.senses] if check_bool("blind", blind) else []
         if blind:
             self._check_senses()
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self._observed(self.env.reset(key, params))
+        return self._observe(self.env.reset(key, params))
 
-    def step(self, state: State, action: dict[str, Any]) -> State:
+    def transition(self, state: State, action: dict[str, Any]) -> State:
         preparing = state.step < self.n_steps
         arrays = {name: jnp.asarray(part) for name, part in action.items()}
-        nulled = null_rows(arrays, preparing & self._seekers)
-        state = self.env.step(state, nulled)
-        return self._observed(state.replace(reward=jnp.where(preparing, 0.0, state.reward)))
+        nulled = null_rows(arrays, preparing & self.seekers)
+        state = self.env.advance(state, nulled)
+        return self._observe(state.replace(reward=jnp.where(preparing, 0.0, state.reward)))
 
     def _check_senses(self) -> None:
         observed = self.env.observation_space.spaces
@@ -74,9 +76,12 @@ class PreparationPhase(Wrapper):
                     f"blind: {key!r} has shape {shape}, and had {was}; put PreparationPhase inside what changed it"
                 )
 
-    def _observed(self, state: State) -> State:
+    def _observe(self, state: State) -> State:
         left = jnp.maximum(1 - state.step / max(self.n_steps, 1), 0.0) if self.n_steps else jnp.zeros(())
         remaining = jnp.full((self.base.n_agents, 1), left, jnp.float32)
         for sense in self._senses:
-            state = sense.blind(state, (state.step < self.n_steps) & self._seekers)
+            state = sense.blind(state, (state.step < self.n_steps) & self.seekers)
         return state.replace(obs=state.obs | {"prep_remaining": remaining})
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | {"prep_remaining": Observed((AGENT,), flag("preparation left"))}

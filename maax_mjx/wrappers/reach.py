@@ -44,13 +44,12 @@ class Reach:
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None
         held = [m for m in self.modules if m.n_max]
-        self._sees = [f"sees_{m.name}" for m in held]
+        self._sees = [f"sees_{m.kind}" for m in held]
         if self._sight is not None:
             self._sight.check_sees(held)
 
     def __call__(self, state: State) -> tuple[jax.Array, jax.Array]:
         """(n_agents, n) distances in metres, and bool: what is within reach, of whom and what is in play."""
-        _ = self._base.model  # gives the modules their ids, where nothing was reset yet
         distance = distance_to_objects(self._base.agents.body_ids, self.modules, state)
         present = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         near = (distance <= self._radius) & present & state.world.active[self._base.agents.kind][:, None]

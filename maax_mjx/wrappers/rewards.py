@@ -116,7 +116,7 @@ class HideAndSeekReward(RewardWrapper):
         """(n_agents, n_agents) bool: who has whom."""
         if self.by == "contact":
             return state.mechanics[AgentAgentContactMask2D.name]
-        return state.mechanics[LineOfSight.name]["sees_agents"]
+        return state.mechanics[LineOfSight.name]["sees_agent"]
 
 
 def _mean(values: jax.Array, of: jax.Array) -> jax.Array:

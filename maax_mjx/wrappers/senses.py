@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +10,11 @@ import numpy as np
 
 from maax_mjx.common.arrays import null_rows
 from maax_mjx.common.checks import check_choice, check_count, check_positive
+from maax_mjx.common.observed import AGENT, Column, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.physics.rays import Rays
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper
@@ -25,7 +26,7 @@ FRAMES = ("world", "agent")
 class _Senses(StateWrapper):
     precedes = (PreparationPhase,)
 
-    @cached_property
+    @from_model
     def _rays(self) -> Rays:
         return Rays(self.base.model, self.base.overlay)
 
@@ -36,7 +37,7 @@ class _Senses(StateWrapper):
 
 
 class LineOfSight(_Senses):
-    """Adds `sees_agents` (n_agents, n_agents), `sees_boxes` (n_agents, n_boxes), ... bool: who is seen by whom.
+    """Adds `sees_agent` (n_agents, n_agents), `sees_box` (n_agents, n_boxes), ... bool: who is seen by whom.
 
     Seen is what is in the cone ahead, as seen from above, and the first thing that a ray from centre to centre meets
     (Baker et al.). Agents see themselves; absent ones see nothing and are not seen.
@@ -52,7 +53,7 @@ class LineOfSight(_Senses):
 
     name = "line_of_sight"
 
-    def __init__(self, env: Environment, cone: float = CONE, objects: Sequence[str] = ("boxes", "ramps")):
+    def __init__(self, env: Environment, cone: float = CONE, objects: Sequence[str] = ("box", "ramp")):
         super().__init__(env)
         if check_positive("cone", cone) > 2 * np.pi:
             raise ValueError(f"cone: got {cone!r}; takes an angle in radians, up to 2 pi")
@@ -62,7 +63,7 @@ class LineOfSight(_Senses):
 
     @property
     def senses(self) -> tuple[str, ...]:
-        return tuple(f"sees_{m.name}" for m in self.modules)
+        return tuple(f"sees_{m.kind}" for m in self.modules)
 
     def seen(self, state: State, names: Sequence[str]) -> jax.Array:
         """(n_agents, n) bool: some of its `senses`, joined, in a state that it has led to."""
@@ -84,7 +85,7 @@ class LineOfSight(_Senses):
     def blind(self, state: State, who: jax.Array) -> State:
         return self.remember(super().blind(state, who), null_rows(state.mechanics[self.name], who))
 
-    def look(self, state: State) -> State:
+    def observe(self, state: State) -> State:
         bodies = np.concatenate([m.body_ids for m in self.modules])
         eyes, heading = self._eyes(state)
         to = state.data.xpos[bodies] - eyes[:, None]
@@ -101,6 +102,10 @@ class LineOfSight(_Senses):
         parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
         masks = dict(zip(self.senses, parts, strict=True))
         return self.remember(state, masks).replace(obs=state.obs | masks)
+
+    def declared(self) -> dict[str, Observed]:
+        sees = {f"sees_{m.kind}": Observed((AGENT, m.kind)) for m in self.modules}
+        return self.env.declared() | sees
 
 
 class Lidar(_Senses, ObservationWrapper):
@@ -155,3 +160,6 @@ class Lidar(_Senses, ObservationWrapper):
             distance = self.compress * jnp.tanh(distance / self.compress)
         active = self.playing(state)[:, None, None]
         return state.obs | {"lidar": jnp.where(active, distance, 0.0)}
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | {"lidar": Observed((AGENT, "ray"), (Column("distance", "m", 3.0),))}

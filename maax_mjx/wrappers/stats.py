@@ -15,7 +15,7 @@ from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.locks.wrapper import LockObjects
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
-from maax_mjx.wrappers.wrapper import StateWrapper, find
+from maax_mjx.wrappers.wrapper import StateWrapper, find, find_all
 
 
 class Stats(struct.PyTreeNode):
@@ -56,7 +56,7 @@ class TrackStats(StateWrapper):
     def __init__(self, env: Environment):
         super().__init__(env)
         self._modules = self.base.movables
-        self._locks = find(env, LockObjects)
+        self._locks = find_all(env, LockObjects)
         preparation = find(env, PreparationPhase)
         self._prep_steps = None if preparation is None else preparation.n_steps
         teams = find(env, TeamMembership)
@@ -74,9 +74,9 @@ class TrackStats(StateWrapper):
         things = self._things(state, here, here)
         if self._prep_steps is not None:
             totals |= {f"{name}_prep": jnp.zeros_like(value) for name, value in things.items()}
-        return self._told(state, Stats(here, here, self._touching(state), totals), things)
+        return self._noted(state, Stats(here, here, self._touching(state), totals), things)
 
-    def look(self, state: State) -> State:
+    def observe(self, state: State) -> State:
         stats: Stats = state.mechanics[self.name]
         here, touching = self._positions(state), self._touching(state)
         totals = dict(stats.totals)
@@ -91,9 +91,9 @@ class TrackStats(StateWrapper):
             for name, value in things.items():
                 at_end = state.step == self._prep_steps
                 totals[f"{name}_prep"] = jnp.where(at_end, value, totals[f"{name}_prep"])
-        return self._told(state, stats.replace(before=here, touching=touching, totals=totals), things)
+        return self._noted(state, stats.replace(before=here, touching=touching, totals=totals), things)
 
-    def _told(self, state: State, stats: Stats, things: dict[str, jax.Array]) -> State:
+    def _noted(self, state: State, stats: Stats, things: dict[str, jax.Array]) -> State:
         return self.remember(state, stats).replace(metrics=state.metrics | stats.totals | things)
 
     def _things(self, state: State, start: jax.Array, here: jax.Array) -> dict[str, jax.Array]:
@@ -104,11 +104,11 @@ class TrackStats(StateWrapper):
             if module is not self.base.agents:
                 moved = jnp.where(state.world.active[module.kind], away[self._rows(module)], 0.0)
                 numbers[f"max_{module.kind}_move"] = moved.max()
-        if self._locks is not None:
-            parts = np.cumsum([m.n_max for m in self._locks.modules])[:-1]
-            locked = jnp.split(state.mechanics[self._locks.name].locked, parts)
-            for module, part in zip(self._locks.modules, locked, strict=True):
-                numbers[f"{module.name}_locked"] = part.sum().astype(jnp.int32)
+        for layer in self._locks:
+            parts = np.cumsum([m.n_max for m in layer.modules])[:-1]
+            locked = jnp.split(state.mechanics[layer.name].locked, parts)
+            for module, part in zip(layer.modules, locked, strict=True):
+                numbers[f"{module.plural}_locked"] = part.sum().astype(jnp.int32)
         return numbers
 
     def _positions(self, state: State) -> jax.Array:

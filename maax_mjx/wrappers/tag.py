@@ -10,6 +10,7 @@ from flax import struct
 
 from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.common.keys import draw_one
+from maax_mjx.common.observed import AGENT, Observed, flag
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -65,11 +66,11 @@ class Tag(Wrapper):
         none = jnp.full((), -1, jnp.int32)
         nothing = jnp.zeros((), jnp.int32)
         tagged = Tagged(draw_one(state.key, state.step, self.playing(state)), none, nothing, nothing)
-        return self._observed(self.remember(state, tagged))
+        return self._observe(self.remember(state, tagged))
 
-    def step(self, state: State, action: Any) -> State:
+    def transition(self, state: State, action: Any) -> State:
         tagged: Tagged = state.mechanics[self.name]
-        state = self.env.step(state, action)
+        state = self.env.advance(state, action)
         players = jnp.arange(self.base.n_agents)
         safe = (players == tagged.safe) & (tagged.safe_for > 0)
         touched = state.mechanics[AgentAgentContactMask2D.name][tagged.it] & ~safe
@@ -84,9 +85,12 @@ class Tag(Wrapper):
         playing, is_it = self.playing(state), players == tagged.it
         share = 1 / jnp.maximum(playing.sum() - 1, 1)
         own = jnp.where(playing, jnp.where(is_it, -1.0, share), 0.0)
-        return self._observed(state.replace(reward=state.reward + self.scale * own))
+        return self._observe(state.replace(reward=state.reward + self.scale * own))
 
-    def _observed(self, state: State) -> State:
+    def _observe(self, state: State) -> State:
         tagged: Tagged = state.mechanics[self.name]
         is_it = (jnp.arange(self.base.n_agents) == tagged.it).astype(jnp.float32)
         return state.replace(obs=state.obs | {"is_it": is_it[:, None]}, metrics=state.metrics | {"tags": tagged.tags})
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | {"is_it": Observed((AGENT,), flag("is it"), private=False)}

@@ -1,4 +1,4 @@
-"""Who plays with whom."""
+"""Teams as agents know them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.colours import TEAM_COLOURS
+from maax_mjx.common.observed import AGENT, Column, Observed, flag
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
+from maax_mjx.core.teams import Team, make_teams
 from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 HIDERS, SEEKERS = 0, 1
+"""Numbers of teams in hide and seek: the first team hides, the second seeks."""
 
 
 class TeamMembership(ObservationWrapper):
-    """Gives every agent a team (thesis 5.2.1). Team 0 hides and team 1 seeks, where a game has these.
+    """Gives every agent a team (thesis 5.2.1). In games of hiding, the first team hides and the second seeks.
 
     Adds `agent_team` (n_agents, 1): its number; and `team_size` (n_agents, 1): how many of this world's agents are in
     it. Both are 0 for absent agents.
@@ -24,29 +28,45 @@ class TeamMembership(ObservationWrapper):
     Args:
         env: what to wrap.
         team_index: the team of every agent slot; None takes the teams that `Agents` was given.
+        names: of the teams; None takes those of `Agents` where the teams are the same, else "team_0", "team_1", ...
 
     Attributes:
         team_index: (n_agents,) int.
         n_teams: how many teams there are.
 
     Raises:
-        ValueError: not one whole number of at least 0 per agent.
+        ValueError: not one whole number of at least 0 per agent, a team that is empty or named twice, or another number
+            of names than of teams.
     """
 
     name = "team_membership"
 
-    def __init__(self, env: Environment, team_index: Sequence[int] | None = None):
+    def __init__(self, env: Environment, team_index: Sequence[int] | None = None, names: Sequence[str] | None = None):
         super().__init__(env)
-        index = np.asarray(env.base.agents.team_index if team_index is None else team_index)
+        agents = env.base.agents
+        index = np.asarray(agents.team_index if team_index is None else team_index)
         if index.shape != (env.base.n_agents,) or index.dtype.kind not in "iu" or (index < 0).any():
             raise ValueError(
                 f"team_index: got {team_index!r}; takes {env.base.n_agents} whole numbers of at least 0, one per agent"
             )
         self.team_index = index
         self.n_teams = int(index.max()) + 1
+        if names is None:
+            same = np.array_equal(index, agents.team_index)
+            names = list(agents.team_sizes) if same else [f"team_{i}" for i in range(self.n_teams)]
+        elif isinstance(names, str) or len(names) != self.n_teams:
+            raise ValueError(f"names: got {names!r}; takes {self.n_teams}, one per team")
+        colours = agents.colors.tolist()
+        if self.n_teams > 1 and all(colour == colours[0] for colour in colours):
+            colours = [TEAM_COLOURS[team % len(TEAM_COLOURS)] for team in index]
+        self._teams = make_teams(list(names), index, colours)
+
+    @property
+    def teams(self) -> dict[str, Team]:
+        return self._teams
 
     def of(self, team: int) -> np.ndarray:
-        """(n_agents,) bool: whose slots are in a team."""
+        """The slots of a team: (n_agents,) bool."""
         return self.team_index == team
 
     def observation(self, state: State) -> dict[str, jax.Array]:
@@ -55,3 +75,9 @@ class TeamMembership(ObservationWrapper):
         size = (same & active).sum(axis=1) * active
         obs = {"agent_team": self.team_index * active, "team_size": size}
         return state.obs | {name: x[:, None].astype(jnp.float32) for name, x in obs.items()}
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | {
+            "agent_team": Observed((AGENT,), flag("team"), private=False),
+            "team_size": Observed((AGENT,), (Column("team size"),)),
+        }

@@ -1,4 +1,4 @@
-"""What every wrapper is. The semantics are Gymnasium's, on the state after the step."""
+"""The kinds of wrappers. The semantics are Gymnasium's, on the state after the step."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ import jax
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import null_rows
+from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams
-from maax_mjx.core.base import Base
-from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.env import Base, Environment, check_environment
 from maax_mjx.core.state import State
+from maax_mjx.core.teams import Team
 
 W = TypeVar("W", bound="Wrapper")
 
 
 class Wrapper(Environment):
-    """An environment around another. Subclass one of its three kinds, or this for all of `reset` and `step`.
+    """An environment around another. Subclass one of its kinds, or this for all of `reset` and `transition`.
+
+    Wrapping leaves the environment that was given as it is: a wrapper that needs modules adds them to a copy of it.
 
     Wrappers are pure: what a wrapper remembers of a world it keeps in `state.mechanics[self.name]`, a pytree of its
     own, and what it needs of others it reads from `state.data`, `state.world` and `state.mechanics`, never from
@@ -28,10 +31,10 @@ class Wrapper(Environment):
 
     Raises:
         ValueError: not an environment; `env` lacks a wrapper that this one requires, or has one that must be outside
-            it, or has one of this name already.
+            it, or has one of this name already; or a class that overrides `step` instead of `transition`.
     """
 
-    name: ClassVar[str] = ""
+    name: str = ""
     requires: ClassVar[tuple[type[Wrapper], ...]] = ()
     """Wrappers that must be inside this one."""
     precedes: ClassVar[tuple[type[Wrapper], ...]] = ()
@@ -42,6 +45,11 @@ class Wrapper(Environment):
     def __init__(self, env: Environment):
         self.env = check_environment(env)
         mine = type(self).__name__
+        if type(self).step is not Environment.step:
+            raise ValueError(
+                f"step: {mine} overrides it; takes `transition(state, action)` instead, which `step` calls with a "
+                "checked action: in it, self.env.advance(state, action) is the step of what is wrapped"
+            )
         for kind in self.requires:
             self.inner(kind)
         for layer in layers(env):
@@ -64,8 +72,20 @@ class Wrapper(Environment):
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         return self.env.reset(key, params)
 
-    def step(self, state: State, action: Any) -> State:
-        return self.env.step(state, action)
+    def transition(self, state: State, action: Any) -> State:
+        return self.env.advance(state, action)
+
+    @property
+    def n_agents(self) -> int:  # type: ignore[override]
+        return self.base.n_agents
+
+    @property
+    def teams(self) -> dict[str, Team]:
+        return self.env.teams
+
+    def declared(self) -> dict[str, Observed]:
+        """What the observations are; a wrapper that adds some returns `self.env.declared() | {name: Observed(...)}`."""
+        return self.env.declared()
 
     def inner(self, kind: type[W]) -> W:
         """The wrapper of a kind inside this one.
@@ -84,7 +104,7 @@ class Wrapper(Environment):
         return state.replace(mechanics=state.mechanics | {self.name: memory})
 
     def playing(self, state: State) -> jax.Array:
-        """(n_agents,) bool: which agents are in play."""
+        """The agents in play: (n_agents,) bool."""
         return state.world.active[self.base.agents.kind]
 
     @property
@@ -105,33 +125,32 @@ class ActionWrapper(Wrapper):
         """What the inner environment gets, from the state before the step and what this one got."""
         raise NotImplementedError
 
-    def step(self, state: State, action: Any) -> State:
-        _ = self.base.model  # gives the modules their ids, where nothing was reset yet
-        return self.env.step(state, self.action(state, action))
+    def transition(self, state: State, action: Any) -> State:
+        return self.env.advance(state, self.action(state, action))
 
 
 class StateWrapper(Wrapper):
-    """Looks at the states that resets and steps lead to: implement `look`."""
+    """Adds to the states that resets and steps lead to: implement `observe`."""
 
-    def look(self, state: State) -> State:
+    def observe(self, state: State) -> State:
         """The state with what this wrapper adds to it: observations, memory, metrics."""
         raise NotImplementedError
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self.look(self.env.reset(key, params))
+        return self.observe(self.env.reset(key, params))
 
-    def step(self, state: State, action: Any) -> State:
-        return self.look(self.env.step(state, action))
+    def transition(self, state: State, action: Any) -> State:
+        return self.observe(self.env.advance(state, action))
 
 
 class ObservationWrapper(StateWrapper):
-    """Changes observations: implement `observation`. The space follows from what it gives."""
+    """Changes observations: implement `observation`, and `declared` for what it adds. The space follows."""
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         """The observations of the state that a reset or a step led to, whose `obs` are the inner environment's."""
         raise NotImplementedError
 
-    def look(self, state: State) -> State:
+    def observe(self, state: State) -> State:
         return state.replace(obs=self.observation(state))
 
 
@@ -142,8 +161,8 @@ class RewardWrapper(Wrapper):
         """(n_agents,) from the state that the step led to, whose `reward` is the inner environment's."""
         raise NotImplementedError
 
-    def step(self, state: State, action: Any) -> State:
-        state = self.env.step(state, action)
+    def transition(self, state: State, action: Any) -> State:
+        state = self.env.advance(state, action)
         return state.replace(reward=self.reward(state))
 
 
@@ -158,4 +177,9 @@ def layers(env: Environment) -> list[Wrapper]:
 
 def find(env: Environment, kind: type[W]) -> W | None:
     """The outermost wrapper of a kind, if there is one."""
-    return next((layer for layer in layers(env) if isinstance(layer, kind)), None)
+    return next(iter(find_all(env, kind)), None)
+
+
+def find_all(env: Environment, kind: type[W]) -> list[W]:
+    """All wrappers of a kind, the outermost first."""
+    return [layer for layer in layers(env) if isinstance(layer, kind)]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import maax_mjx as maax
-from maax_mjx.core.base import Base
+from maax_mjx.core.env import Base
 from maax_mjx.testing import check_env
 
 

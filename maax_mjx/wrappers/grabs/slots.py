@@ -15,6 +15,7 @@ import numpy as np
 
 from maax_mjx.core.state import State
 from maax_mjx.modules import Agents, Entities, Module
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.physics.rotation import conjugate, multiply, rotate
 from maax_mjx.wrappers.equalities import add_equality, connect_data, joint_data, set_equalities, weld_data
@@ -60,19 +61,34 @@ class GrabSlots(Module):
             agent, thing = name.split(":grab:")
             add_equality(spec, name, mujoco.mjtEq.mjEQ_WELD, agent, thing)
 
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        def column(pairs: list, i: int) -> np.ndarray:
-            return np.array([pair[i] for pair in pairs], int)
+    @property
+    def _everything(self) -> list[tuple[int, int, str]]:
+        return [*self._centres, *self._yaws, *self._welds]
 
-        everything = [*self._centres, *self._yaws, *self._welds]
-        self._eq_ids = np.array([model.eq(name).id for *_, name in everything], int)
-        self._agent, self._thing = column(everything, 0), column(everything, 1)
-        self._parts = np.cumsum([len(self._centres), len(self._yaws)])
-        yaws = [name.removesuffix(":yaw").split(":grab:") for *_, name in self._yaws]
-        # Joint equalities count from qpos0, and turn on the difference of the two.
-        self._yaw0 = np.array(
-            [model.qpos0[model.joint(f"{k}:yaw").qposadr[0]] - model.qpos0[model.joint(f"{a}:yaw").qposadr[0]]
-             for a, k in yaws])  # fmt: skip
+    @property
+    def _parts(self) -> np.ndarray:
+        return np.cumsum([len(self._centres), len(self._yaws)])
+
+    @property
+    def _agent(self) -> np.ndarray:
+        return np.array([agent for agent, *_ in self._everything], int)
+
+    @property
+    def _thing(self) -> np.ndarray:
+        return np.array([thing for _, thing, _ in self._everything], int)
+
+    @from_model
+    def _eq_ids(self) -> np.ndarray:
+        return np.array([self.model.eq(name).id for *_, name in self._everything], int)
+
+    @from_model
+    def _yaw0(self) -> np.ndarray:
+        """What joint equalities turn on: they count from qpos0, as the difference of the two."""
+        pairs = [name.removesuffix(":yaw").split(":grab:") for *_, name in self._yaws]
+        return np.array([self._rest_of(f"{thing}:yaw") - self._rest_of(f"{agent}:yaw") for agent, thing in pairs])
+
+    def _rest_of(self, joint: str) -> float:
+        return float(self.model.qpos0[self.model.joint(joint).qposadr[0]])
 
     def relative(self, data: Data, held: jax.Array) -> jax.Array:
         """(n_agents, 8): where held objects are, as their agents see them: position, quaternion, difference of yaws.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import jax
@@ -11,15 +12,18 @@ from flax import struct
 from gymnasium import spaces
 
 from maax_mjx.common.checks import check_bool, check_positive
+from maax_mjx.common.observed import Observed, flag
 from maax_mjx.common.params import DomainParams
-from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.grabs.rules import NOTHING, grab_rule
 from maax_mjx.wrappers.grabs.slots import GrabSlots
+from maax_mjx.wrappers.handled import by_kind, check_new_action, declared_by_kind
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.reach import Reach
 from maax_mjx.wrappers.wrapper import Wrapper
+
+GRAB, PULL, COLUMNS = "grab", "pull", flag("you_pull", "obj_pull")
 
 
 class Grabs(struct.PyTreeNode):
@@ -39,11 +43,11 @@ class GrabObjects(Wrapper):
 
     While an agent wants to, it holds the nearest object in reach, in the pose relative to itself that it had when it
     was grabbed. Locked objects can be held too. Adds `action["grab"]` (n_agents,), or (n_agents, n_grabbable) with
-    `selective`; `obj_pull` (n_grabbable, 1), held by anybody; `you_pull` (n_agents, n_grabbable, 1), held by oneself.
+    `selective`; and for every kind of object `<kind>_pull` (n_agents, n, 2): held by oneself, by anybody.
 
     Args:
-        env: what to wrap; it was not used yet, since holds are built into the model.
-        objects: names of the modules whose objects can be grabbed: "boxes", "ramps", "cylinders", or your own.
+        env: what to wrap; a copy of it gets the holds, which are built into the model.
+        objects: names of the modules whose objects can be grabbed: "box", "ramp", "cylinder", or your own.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
         exclusive: whether an object is held by one agent alone, the nearest.
         selective: whether agents say which objects they want, or take the nearest.
@@ -51,7 +55,6 @@ class GrabObjects(Wrapper):
 
     Raises:
         ValueError: an unknown module, a radius that is not positive, or vision without `LineOfSight`.
-        RuntimeError: the environment was used already.
     """
 
     name = "grabs"
@@ -60,13 +63,14 @@ class GrabObjects(Wrapper):
     def __init__(
         self,
         env: Environment,
-        objects: Sequence[str] = ("boxes", "ramps"),
+        objects: Sequence[str] = ("box", "ramp"),
         radius: float = 0.25,
         exclusive: bool = False,
         selective: bool = False,
         in_vision_only: bool = False,
     ):
-        super().__init__(env)
+        check_new_action(env, GRAB)
+        super().__init__(deepcopy(env))
         self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
         self.exclusive = check_bool("exclusive", exclusive)
         self.selective = check_bool("selective", selective)
@@ -78,16 +82,15 @@ class GrabObjects(Wrapper):
     def action_space(self) -> spaces.Dict:
         n = self.base.n_agents
         shape = (n, self.n_grabbable) if self.selective else (n,)
-        return spaces.Dict({**self.env.action_space.spaces, "grab": spaces.MultiBinary(shape)})
+        return spaces.Dict({**self.env.action_space.spaces, GRAB: spaces.MultiBinary(shape)})
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         n = self.base.n_agents
         grabs = Grabs(jnp.full(n, NOTHING, jnp.int32), jnp.zeros((n, 8)))
-        return self._observed(self.remember(self.env.reset(key, params), grabs))
+        return self._observe(self.remember(self.env.reset(key, params), grabs))
 
-    def step(self, state: State, action: dict[str, Any]) -> State:
-        check_action(self.action_space, action)
-        wants = jnp.asarray(action["grab"]) > 0
+    def transition(self, state: State, action: dict[str, Any]) -> State:
+        wants = jnp.asarray(action[GRAB]) > 0
         wants = wants if self.selective else wants[:, None]
         old: Grabs = state.mechanics[self.name]
         distance, near = self._reach(state)
@@ -97,10 +100,13 @@ class GrabObjects(Wrapper):
         grabs = Grabs(held, jnp.where(same, old.relative, self._slots.relative(state.data, held)))
         state = self.remember(state, grabs)
         state = self._slots.hold(state, held, grabs.relative, self.base.overlay)
-        return self._observed(self.env.step(state, {k: part for k, part in action.items() if k != "grab"}))
+        return self._observe(self.env.advance(state, {k: part for k, part in action.items() if k != GRAB}))
 
-    def _observed(self, state: State) -> State:
+    def _observe(self, state: State) -> State:
         grabs: Grabs = state.mechanics[self.name]
         mine = grabs.held[:, None] == jnp.arange(self.n_grabbable)
-        obs = {"obj_pull": mine.any(axis=0), "you_pull": mine}
-        return state.replace(obs=state.obs | {k: x[..., None].astype(jnp.float32) for k, x in obs.items()})
+        columns = [mine, jnp.broadcast_to(mine.any(axis=0), mine.shape)]
+        return state.replace(obs=state.obs | by_kind(self.modules, columns, PULL))
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | declared_by_kind(self.modules, PULL, COLUMNS)

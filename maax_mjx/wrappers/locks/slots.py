@@ -13,6 +13,7 @@ from maax_mjx.common.arrays import with_rows
 from maax_mjx.core.arena_limits import FAR, limit_joint
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities, Module
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.wrappers.equalities import add_equality, joint_data, set_equalities, weld_data
 
@@ -25,6 +26,7 @@ class LockSlots(Module):
     """One lock for every slot of some modules.
 
     Args:
+        name: of this module.
         modules: whose objects.
         method: "equality": a joint equality for every slide and hinge, a weld to the world for a free joint;
             "joint_range": the range of every joint, open or closed.
@@ -33,16 +35,14 @@ class LockSlots(Module):
         ValueError: joint ranges of free joints.
     """
 
-    name = "lock_slots"
-
-    def __init__(self, modules: Sequence[Entities], method: str):
-        self.modules, self.method = list(modules), method
+    def __init__(self, name: str, modules: Sequence[Entities], method: str):
+        self.name, self.modules, self.method = name, list(modules), method
         for module in modules:
             if method == "joint_range" and module.free:
                 raise ValueError(
                     f"method: got 'joint_range'; the free joints of {module.name} have none; takes 'equality'"
                 )
-        self.names = [(name, module.free) for module in modules for name in module.names]
+        self.names = [(slot, module.free) for module in modules for slot in module.names]
 
     @property
     def overlay(self) -> Overlay:
@@ -58,20 +58,37 @@ class LockSlots(Module):
             if free:
                 add_equality(spec, f"{name}:lock:weld", mujoco.mjtEq.mjEQ_WELD, "world", name)
 
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        slots = list(enumerate(self.names))
-        joints = [(slot, axis, f"{name}:{joint}") for slot, (name, free) in slots if not free
-                  for axis, joint in enumerate(JOINTS)]  # fmt: skip
-        welds = [(slot, f"{name}:lock:weld") for slot, (name, free) in slots if free]
-        self._joint_slot = np.array([slot for slot, *_ in joints], int)
-        self._joint_axis = np.array([axis for _, axis, _ in joints], int)
-        self._qpos0 = np.array([model.qpos0[model.joint(name).qposadr[0]] for *_, name in joints])
-        if self.method == "joint_range":
-            self._jnt_ids = np.array([model.joint(name).id for *_, name in joints], int)
-            return
-        of_joint = [model.eq(name.replace(":", ":lock:")).id for *_, name in joints]
-        self._weld_slot = np.array([slot for slot, _ in welds], int)
-        self._eq_ids = np.array(of_joint + [model.eq(name).id for _, name in welds], int)
+    @property
+    def _joints(self) -> list[tuple[int, int, str]]:
+        """The slot, the axis and the name of every slide and hinge."""
+        slots = [(slot, name) for slot, (name, free) in enumerate(self.names) if not free]
+        return [(slot, axis, f"{name}:{joint}") for slot, name in slots for axis, joint in enumerate(JOINTS)]
+
+    @property
+    def _joint_slot(self) -> np.ndarray:
+        return np.array([slot for slot, *_ in self._joints], int)
+
+    @property
+    def _joint_axis(self) -> np.ndarray:
+        return np.array([axis for _, axis, _ in self._joints], int)
+
+    @property
+    def _weld_slot(self) -> np.ndarray:
+        return np.array([slot for slot, (_, free) in enumerate(self.names) if free], int)
+
+    @from_model
+    def _qpos0(self) -> np.ndarray:
+        return np.array([self.model.qpos0[self.model.joint(name).qposadr[0]] for *_, name in self._joints])
+
+    @from_model
+    def _jnt_ids(self) -> np.ndarray:
+        return np.array([self.model.joint(name).id for *_, name in self._joints], int)
+
+    @from_model
+    def _eq_ids(self) -> np.ndarray:
+        of_joints = [self.model.eq(name.replace(":", ":lock:")).id for *_, name in self._joints]
+        of_welds = [self.model.eq(f"{self.names[slot][0]}:lock:weld").id for slot in self._weld_slot]
+        return np.array(of_joints + of_welds, int)
 
     def pose(self, data: Data) -> jax.Array:
         """(n, 7) the qpos of every object, padded with zeros."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import jax
@@ -12,16 +13,19 @@ from gymnasium import spaces
 
 from maax_mjx.common.checks import check_bool, check_choice, check_positive
 from maax_mjx.common.keys import draw_one
+from maax_mjx.common.observed import Observed, flag
 from maax_mjx.common.params import DomainParams
-from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
+from maax_mjx.wrappers.handled import by_kind, check_new_action, declared_by_kind
 from maax_mjx.wrappers.locks.rules import LOCK_TYPES, lock_rule
 from maax_mjx.wrappers.locks.slots import METHODS, LockSlots
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.reach import Reach
 from maax_mjx.wrappers.teams import TeamMembership
-from maax_mjx.wrappers.wrapper import Wrapper
+from maax_mjx.wrappers.wrapper import Wrapper, find_all
+
+LOCK, COLUMNS = "lock", flag("you_lock", "team_lock", "obj_lock")
 
 
 class Locks(struct.PyTreeNode):
@@ -52,46 +56,51 @@ class LockObjects(Wrapper):
     - "team": locked and unlocked as of "all", but only members of the team that locked it last count against it.
 
     Who owns a new lock is drawn from those who wanted it. Adds `action["lock"]` (n_agents, n_lockable), or (n_agents,)
-    without `per_object`; `obj_lock` (n_lockable, 1), `you_lock` and `team_lock` (n_agents, n_lockable, 1): locked, by
-    oneself, by one's team.
+    without `per_object`; and for every kind of object `<kind>_lock` (n_agents, n, 3): locked by oneself, by one's team,
+    by anybody. Several of these, for different objects and under different names, make rules of their own for each.
 
     Args:
-        env: what to wrap; it was not used yet, since locks are built into the model.
-        objects: names of the modules whose objects can be locked: "boxes", "ramps", "cylinders", or your own.
+        env: what to wrap; a copy of it gets the locks, which are built into the model.
+        objects: names of the modules whose objects can be locked: "box", "ramp", "cylinder", or your own.
         lock_type: see above.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
         method: "equality" holds the pose with equality constraints, "joint_range" with closed joint ranges, which give
             ten times as much.
         per_object: whether agents say which objects they want locked, or all within reach at once.
         in_vision_only: whether only agents that saw an object after the step before count; needs `LineOfSight`.
+        action_name: of the action, "lock" unless there are several; `state.mechanics` has it with an s: "locks".
 
     Raises:
-        ValueError: an unknown module, lock type or method, joint ranges of free joints, or vision without
-            `LineOfSight`.
-        RuntimeError: the environment was used already.
+        ValueError: an unknown module, lock type or method, joint ranges of free joints, vision without `LineOfSight`,
+            objects that others lock already, or a name that is taken.
     """
 
-    name = "locks"
     requires = (TeamMembership,)
     precedes = (PreparationPhase,)
 
     def __init__(
         self,
         env: Environment,
-        objects: Sequence[str] = ("boxes", "ramps"),
+        objects: Sequence[str] = ("box", "ramp"),
         lock_type: str = "team",
         radius: float = 0.25,
         method: str = "equality",
         per_object: bool = True,
         in_vision_only: bool = False,
+        action_name: str = "lock",
     ):
-        super().__init__(env)
+        self.action_name = check_new_action(env, action_name)
+        self.name = f"{action_name}s"
+        super().__init__(deepcopy(env))
         self.lock_type = check_choice("lock_type", lock_type, LOCK_TYPES)
         check_choice("method", method, METHODS)
         self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
         self.modules, self.n_lockable = self._reach.modules, self._reach.n
         self.per_object = check_bool("per_object", per_object)
-        self._slots = LockSlots(self.modules, method)
+        for other in find_all(env, LockObjects):
+            if shared := {m.name for m in self.modules} & {m.name for m in other.modules}:
+                raise ValueError(f"objects: got {sorted(shared)}, locked by {other.name!r} already; takes others")
+        self._slots = LockSlots(f"{self.name}_slots", self.modules, method)
         self.base.add_module(self._slots)
         self._team = self.inner(TeamMembership).team_index
 
@@ -99,17 +108,16 @@ class LockObjects(Wrapper):
     def action_space(self) -> spaces.Dict:
         n = self.base.n_agents
         shape = (n, self.n_lockable) if self.per_object else (n,)
-        return spaces.Dict({**self.env.action_space.spaces, "lock": spaces.MultiBinary(shape)})
+        return spaces.Dict({**self.env.action_space.spaces, self.action_name: spaces.MultiBinary(shape)})
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
         nobody = jnp.full(self.n_lockable, -1, jnp.int32)
         free = jnp.zeros(self.n_lockable, bool)
         locks = Locks(free, nobody, jnp.zeros_like(nobody), jnp.zeros((self.n_lockable, 7)))
-        return self._observed(self.remember(self.env.reset(key, params), locks))
+        return self._observe(self.remember(self.env.reset(key, params), locks))
 
-    def step(self, state: State, action: dict[str, Any]) -> State:
-        check_action(self.action_space, action)
-        wants = jnp.asarray(action["lock"]) > 0
+    def transition(self, state: State, action: dict[str, Any]) -> State:
+        wants = jnp.asarray(action[self.action_name]) > 0
         wants = wants if self.per_object else jnp.broadcast_to(wants[:, None], (len(wants), self.n_lockable))
         locks = self._decide(state, wants)
         state = self.remember(state, locks)
@@ -117,8 +125,8 @@ class LockObjects(Wrapper):
         if self._slots.method == "joint_range":
             # What is unlocked ends at the edge of the arena again, where it does.
             state = state.replace(world=self.base.bounded(state.world, state.data))
-        inner = {name: part for name, part in action.items() if name != "lock"}
-        return self._observed(self.env.step(state, inner))
+        inner = {name: part for name, part in action.items() if name != self.action_name}
+        return self._observe(self.env.advance(state, inner))
 
     def _decide(self, state: State, wants: jax.Array) -> Locks:
         locks: Locks = state.mechanics[self.name]
@@ -131,10 +139,13 @@ class LockObjects(Wrapper):
         pose = jnp.where(new[:, None], self._slots.pose(state.data), locks.pose)
         return Locks(locked, jnp.where(locked, last, -1), last, pose)
 
-    def _observed(self, state: State) -> State:
+    def _observe(self, state: State) -> State:
         locks: Locks = state.mechanics[self.name]
         mine = locks.locked & (locks.owner == jnp.arange(self.base.n_agents)[:, None])
         ours = locks.locked & (jnp.asarray(self._team)[locks.last_owner] == self._team[:, None])
         agents = self.playing(state)[:, None]
-        masks = {"obj_lock": locks.locked, "you_lock": mine & agents, "team_lock": ours & agents}
-        return state.replace(obs=state.obs | {name: x[..., None].astype(jnp.float32) for name, x in masks.items()})
+        columns = [mine & agents, ours & agents, jnp.broadcast_to(locks.locked, mine.shape)]
+        return state.replace(obs=state.obs | by_kind(self.modules, columns, LOCK))
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | declared_by_kind(self.modules, LOCK, COLUMNS)

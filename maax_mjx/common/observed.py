@@ -1,0 +1,166 @@
+"""What an observation is: its axes, its columns, and who sees it. Modules and wrappers declare it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from math import pi
+
+AGENT = "agent"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number of an observation.
+
+    Attributes:
+        name: of the number; some have a meaning for `EgocentricObservations`: see `POSITION`, `TURN`, `VELOCITY`.
+        unit: "m", "rad", "m/s", ...; empty for shares, flags and counts.
+        scale: how large it typically is, in its unit; networks divide by it.
+    """
+
+    name: str
+    unit: str = ""
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"name: got {self.name!r}; takes the name of a column")
+        if not isinstance(self.scale, int | float) or not self.scale > 0:
+            raise ValueError(f"scale: got {self.scale!r} for column {self.name!r}; takes a positive number")
+
+
+POSITION = (Column("x", "m", 3.0), Column("y", "m", 3.0), Column("z", "m", 1.0))
+TURN = (Column("cos yaw"), Column("sin yaw"))
+YAW = (Column("yaw", "rad", pi),)
+ROTATION = tuple(Column(f"{axis}{part}") for axis in ("forward ", "left ") for part in "xyz")
+"""The first two columns of a rotation matrix."""
+VELOCITY = (Column("vx", "m/s", 3.0), Column("vy", "m/s", 3.0), Column("vz", "m/s", 3.0))
+SPIN = (Column("spin", "rad/s", 6.0),)
+SPINS = tuple(Column(f"spin {axis}", "rad/s", 6.0) for axis in "xyz")
+"""Angular velocity of a free body, about its own axes."""
+SIZE = tuple(Column(f"size {axis}", "m") for axis in "xyz")
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What an array of observations is about.
+
+    Its shape is one length for every axis, and then the number of columns, if it has columns.
+
+    Attributes:
+        axes: what every axis counts: "agent", the kind of an entity such as "box", or something of its own such as
+            "ray". Arrays that share an axis are about the same things.
+        columns: what stands along the last axis; none for masks and plain numbers.
+        present: the name of the mask of what is in play, along the same axes or the last of them. Found by name
+            (`<kind>_mask`) unless given.
+        seen: the name of the mask of what an agent sees of it. Found by name (`sees_<kind>`) unless given.
+        private: with "agent" as the first axis, whether a row is that agent's own, or others see it too.
+        derived: whether other arrays say the same; such are left out of what agents learn from.
+        critic: whether it is for a value function alone, which may see more than any agent.
+    """
+
+    axes: tuple[str, ...] = ()
+    columns: tuple[Column, ...] = ()
+    present: str | None = None
+    seen: str | None = None
+    private: bool = True
+    derived: bool = False
+    critic: bool = False
+
+    def __post_init__(self) -> None:
+        if isinstance(self.axes, str) or not all(isinstance(axis, str) and axis for axis in self.axes):
+            raise ValueError(f"axes: got {self.axes!r}; takes a tuple of names, such as ('agent', 'box')")
+        if not all(isinstance(column, Column) for column in self.columns):
+            raise ValueError(f"columns: got {self.columns!r}; takes a tuple of Column")
+        names = [column.name for column in self.columns]
+        if len(set(names)) < len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise ValueError(f"columns: got {twice} twice; takes different names")
+
+    @property
+    def is_of_agents(self) -> bool:
+        """Whether its rows belong to agents."""
+        return self.axes[:1] == (AGENT,)
+
+    @property
+    def entity(self) -> str | None:
+        """The kind of what it lists: its first axis, or the second where rows belong to agents; None for nothing."""
+        axes = self.axes[1:] if self.is_of_agents and self.private else self.axes
+        return axes[0] if axes else None
+
+    def names(self) -> tuple[str, ...]:
+        """The names of its columns."""
+        return tuple(column.name for column in self.columns)
+
+    def whose(self) -> str:
+        """Who sees it, in words."""
+        if self.critic:
+            return "critics"
+        if self.is_of_agents and self.private:
+            return f"each agent its own, where {self.seen}" if self.seen else "each agent its own"
+        if self.is_of_agents:
+            return f"each agent its own, others' where {self.seen}" if self.seen else "all agents"
+        return f"all agents, where {self.seen}" if self.seen else "all agents"
+
+
+def flag(*names: str) -> tuple[Column, ...]:
+    """Columns that are 0 or 1, or shares."""
+    return tuple(Column(name) for name in names)
+
+
+def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
+    """A table in which every array names the masks of what it lists, where there are such masks."""
+
+    def masks(name: str, one: Observed) -> Observed:
+        kind = one.entity
+        if kind is None or not one.columns:
+            return one
+        present = f"{kind}_mask" if f"{kind}_mask" in table else None
+        seen = f"sees_{kind}" if f"sees_{kind}" in table else None
+        return replace(one, present=one.present or present, seen=one.seen or seen)
+
+    return {name: masks(name, one) for name, one in table.items()}
+
+
+def check_shapes(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, ...]], who: str) -> None:
+    """Refuses arrays whose shapes are not what was declared of them.
+
+    Args:
+        table: what was declared, of all arrays at least.
+        shapes: of the arrays, by name.
+        who: the wrapper or command that needs it, for the message.
+
+    Raises:
+        ValueError: another number of axes or columns, or two lengths of one axis.
+    """
+    lengths: dict[str, tuple[int, str]] = {}
+    for name, shape in shapes.items():
+        one = table[name]
+        want = len(one.axes) + bool(one.columns)
+        if len(shape) != want:
+            takes = f"{want} axes, {(*one.axes, 'columns') if one.columns else one.axes}"
+            raise ValueError(f"{who}: {name!r} has shape {shape}; declared are {takes}")
+        if one.columns and shape[-1] != len(one.columns):
+            raise ValueError(
+                f"{who}: {name!r} has {shape[-1]} columns; declared are {len(one.columns)}, {list(one.names())}"
+            )
+        for axis, length in zip(one.axes, shape, strict=False):
+            before, other = lengths.setdefault(axis, (length, name))
+            if before != length:
+                raise ValueError(f"{who}: axis {axis!r} has length {length} in {name!r} and {before} in {other!r}")
+
+
+def declaration(name: str, shape: tuple[int, ...], n_agents: int) -> str:
+    """A line that would declare an array, guessed from its shape; for messages."""
+    axes = ["agent" if i == 0 and n == n_agents else "..." for i, n in enumerate(shape)]
+    columns = ""
+    if len(shape) > 1:
+        axes, columns = axes[:-1], f", columns=({', '.join('Column(...)' for _ in range(min(shape[-1], 3)))},)"
+    text = "".join(f"{axis!r}, " for axis in axes)
+    return f'{{"{name}": Observed(({text.rstrip() if len(axes) < 2 else text.rstrip(", ")}){columns})}}'
+
+
+def kinds(table: Iterable[Observed]) -> list[str]:
+    """The kinds that arrays list, in order."""
+    return list(dict.fromkeys(one.entity for one in table if one.entity is not None))

@@ -1,0 +1,82 @@
+"""What a value function may see and no agent does."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.common.checks import check_choice
+from maax_mjx.common.observed import AGENT, Observed, flag
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.wrappers.senses import LineOfSight
+from maax_mjx.wrappers.split import OTHER, SplitObservations
+from maax_mjx.wrappers.teams import TeamMembership
+from maax_mjx.wrappers.wrapper import ObservationWrapper, find
+
+
+class CriticObservations(ObservationWrapper):
+    """Adds what a critic needs besides the policies' arrays, whose masks of what is seen it does not heed.
+
+    A policy's view and a critic's are two maskings of the same arrays: a policy sees what its `seen` masks show, the
+    critic of all sees everything in play, and the critic of a team what any of the team sees. Adds, for critics alone:
+
+    - `time_left` (n_agents, 1): the share of the episode that is left, from 1 down to 0.
+    - `who_sees_whom` (n_agents, n_agents, n_agents): by observer, who sees (rows) whom (columns), both in the
+      observer's circulant order: itself, i - 1, i - 2, ...; with `LineOfSight`. A team's critic knows of its team's
+      rows alone.
+    - `team_sees_<kind>` (n_agents, n), of a team's critic: the masks of what any of one's team sees.
+
+    Args:
+        env: what to wrap; its observations are split.
+        observe: "all" or "team": whose eyes the critic has.
+
+    Raises:
+        ValueError: observations that are not split; "team" without `TeamMembership` and `LineOfSight`.
+    """
+
+    name = "critic_observations"
+    requires = (SplitObservations,)
+
+    def __init__(self, env: Environment, observe: str = "all"):
+        super().__init__(env)
+        self.of = check_choice("observe", observe, ("all", "team"))
+        self._sight = find(env, LineOfSight)
+        n = env.base.n_agents
+        self._order = (np.arange(n)[:, None] - np.arange(n)) % n
+        self._mates = np.ones((n, n), bool)
+        if self.of == "team":
+            if self._sight is None:
+                raise ValueError(
+                    "observe: got 'team' without LineOfSight, where nothing is hidden from anybody; takes 'all'"
+                )
+            team = self.inner(TeamMembership).team_index
+            self._mates = team == team[:, None]
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        n = self.base.n_agents
+        left = jnp.maximum(1 - state.step / self.base.horizon, 0.0).astype(jnp.float32)
+        obs = state.obs | {"time_left": jnp.full((n, 1), left)}
+        if self._sight is None:
+            return obs
+        masks = state.mechanics[LineOfSight.name]
+        order = self._order
+        known = masks["sees_agent"] & self._mates[:, :, None]
+        obs["who_sees_whom"] = known[np.arange(n)[:, None, None], order[:, :, None], order[:, None, :]]
+        if self.of == "team":
+            for name, sees in masks.items():
+                ours = (self._mates[:, :, None] & sees).any(axis=1)
+                obs[f"team_{name}"] = ours[np.arange(n)[:, None], order[:, 1:]] if name == "sees_agent" else ours
+        return obs
+
+    def declared(self) -> dict[str, Observed]:
+        table = self.env.declared() | {"time_left": Observed((AGENT,), flag("time left"), critic=True)}
+        if self._sight is None:
+            return table
+        table["who_sees_whom"] = Observed((AGENT, AGENT, AGENT), critic=True)
+        if self.of == "team":
+            for module in self._sight.modules:
+                kind = OTHER if module.kind == AGENT else module.kind
+                table[f"team_sees_{module.kind}"] = Observed((AGENT, kind), critic=True)
+        return table

@@ -1,0 +1,125 @@
+"""Observations without masks: what is not seen is zero; and one vector for every agent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.common.arrays import shown
+from maax_mjx.common.checks import check_choice
+from maax_mjx.common.observed import AGENT, Column, Observed
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.wrappers.critic import CriticObservations
+from maax_mjx.wrappers.split import SplitObservations, declared_table
+from maax_mjx.wrappers.wrapper import ObservationWrapper, find
+
+
+class MaskObservations(ObservationWrapper):
+    """Hides what an agent does not see: zeros instead, as for what is not in play.
+
+    For policies without attention, which can make no use of masks.
+
+    Args:
+        env: what to wrap; its observations are split.
+        masks: by observation (n_agents, k, ...), the mask (n_agents, k) of what is shown, such as
+            `{"box_obs": "sees_box"}`; None takes the masks that are declared. Masks stay.
+
+    Raises:
+        ValueError: a name that is not observed, or shapes that do not fit.
+    """
+
+    def __init__(self, env: Environment, masks: Mapping[str, str] | None = None):
+        super().__init__(env)
+        self.masks = _seen_masks(env.observed) if masks is None else dict(masks)
+        observed = env.observation_space.spaces
+        for key, mask in self.masks.items():
+            for name in (key, mask):
+                check_choice("masks", name, observed)
+            shape, takes = observed[mask].shape or (), (observed[key].shape or ())[:2]
+            if shape != takes:
+                raise ValueError(f"masks: {mask!r} has shape {shape}; takes {takes} for {key!r}")
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        return _masked(state.obs, self.masks)
+
+
+class FlattenObservations(ObservationWrapper):
+    """One vector for every agent: `obs` (n_agents, d), of all observations by name in order, flat, as float32.
+
+    What an agent does not see is zero in it, by the masks that are declared. With `CriticObservations` inside there is
+    `critic` (n_agents, d + k), too: the same numbers without these masks (of a team's critic: with the masks of what
+    any of the team sees), and then what is for critics alone.
+
+    Args:
+        env: what to wrap; its observations are split.
+
+    Raises:
+        ValueError: observations that are not split, that are not declared, or that were added outside of
+            `SplitObservations` without the agents' axis first.
+    """
+
+    requires = (SplitObservations,)
+
+    def __init__(self, env: Environment):
+        super().__init__(env)
+        table = declared_table(env, "FlattenObservations")
+        for name, one in table.items():
+            if not one.is_of_agents:
+                raise ValueError(
+                    f"FlattenObservations: {name!r} has axes {one.axes}; takes the agents' axis first: add it inside "
+                    "SplitObservations, or leave it out with SelectObservations"
+                )
+        self._shapes = {name: space.shape or () for name, space in env.observation_space.spaces.items()}
+        self._table = dict(sorted(table.items()))
+        self._seen = _seen_masks(self._table)
+        critic = find(env, CriticObservations)
+        self._critic = None if critic is None else critic.of
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        policys = [name for name, one in self._table.items() if not one.critic]
+        obs = {"obs": _flat(_masked(state.obs, self._seen), policys)}
+        if self._critic is not None:
+            team = {name: f"team_{mask}" for name, mask in self._seen.items()} if self._critic == "team" else {}
+            whole = _flat(_masked(state.obs, team), policys)
+            obs["critic"] = jnp.concatenate([whole, _flat(state.obs, self._critics_own())], axis=1)
+        return obs
+
+    def declared(self) -> dict[str, Observed]:
+        columns = self._columns([name for name, one in self._table.items() if not one.critic])
+        table = {"obs": Observed((AGENT,), columns)}
+        if self._critic is not None:
+            table["critic"] = Observed((AGENT,), columns + self._columns(self._critics_own()), critic=True)
+        return table
+
+    def _critics_own(self) -> list[str]:
+        return [name for name, one in self._table.items() if one.critic]
+
+    def _columns(self, names: list[str]) -> tuple[Column, ...]:
+        """The columns of the flat vector: "box_obs[0] x", "sees_box[1]", ..."""
+        columns: list[Column] = []
+        for name in names:
+            own = self._table[name].columns
+            lengths = self._shapes[name][1 : len(self._table[name].axes)]
+            for index in product(*(range(n) for n in lengths)):
+                place = name + "".join(f"[{i}]" for i in index)
+                columns += [replace(c, name=f"{place} {c.name}") for c in own] if own else [Column(place)]
+        return tuple(columns)
+
+
+def _flat(obs: Mapping[str, jax.Array], names: list[str]) -> jax.Array:
+    """(n_agents, d) of some observations."""
+    return jnp.concatenate([obs[name].reshape(len(obs[name]), -1).astype(jnp.float32) for name in names], axis=1)
+
+
+def _seen_masks(table: Mapping[str, Observed]) -> dict[str, str]:
+    """By observation, the mask of what an agent sees of it."""
+    return {name: one.seen for name, one in table.items() if one.seen and one.columns and not one.critic}
+
+
+def _masked(obs: Mapping[str, jax.Array], masks: Mapping[str, str]) -> dict[str, jax.Array]:
+    return {**obs} | {key: shown(obs[key], obs[mask] > 0) for key, mask in masks.items()}

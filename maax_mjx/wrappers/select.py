@@ -1,0 +1,156 @@
+"""Observations chosen, joined, padded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.common.checks import check_count
+from maax_mjx.common.observed import Column, Observed
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.wrappers.wrapper import ObservationWrapper
+
+
+class SelectObservations(ObservationWrapper):
+    """Keeps some observations.
+
+    Args:
+        env: what to wrap.
+        keys: their names.
+
+    Raises:
+        ValueError: a name that is not observed.
+    """
+
+    def __init__(self, env: Environment, keys: Sequence[str]):
+        super().__init__(env)
+        self.keys = tuple(keys)
+        check_names(env.observation_space.spaces, self.keys)
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        return {key: state.obs[key] for key in self.keys}
+
+    def declared(self) -> dict[str, Observed]:
+        return {name: one for name, one in self.env.observed.items() if name in self.keys}
+
+
+class ConcatenateObservations(ObservationWrapper):
+    """Joins observations along their last axis; the parts are left out.
+
+    Args:
+        env: what to wrap.
+        joined: by the new name, the names of its parts, of equal shape but for the last axis.
+
+    Raises:
+        ValueError: a name that is not observed, or parts that do not fit each other.
+    """
+
+    def __init__(self, env: Environment, joined: Mapping[str, Sequence[str]]):
+        super().__init__(env)
+        self.joined = {name: tuple(parts) for name, parts in joined.items()}
+        for name, parts in self.joined.items():
+            check_names(env.observation_space.spaces, parts)
+            if name in env.observation_space.spaces and name not in parts:
+                raise ValueError(f"joined: got {name!r}, which is observed already; takes another name")
+            shapes = [env.observation_space[part].shape or () for part in parts]
+            if not parts or len({shape[:-1] for shape in shapes}) > 1:
+                raise ValueError(f"{name}: got parts of shapes {shapes}; takes equal ones but for the last axis")
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        used = {part for parts in self.joined.values() for part in parts}
+        kept = {key: value for key, value in state.obs.items() if key not in used}
+        whole = {
+            name: jnp.concatenate([state.obs[part] for part in parts], axis=-1) for name, parts in self.joined.items()
+        }
+        return kept | whole
+
+    def declared(self) -> dict[str, Observed]:
+        table = self.env.observed
+        used = {part for parts in self.joined.values() for part in parts}
+        found = {name: one for name, one in table.items() if name not in used}
+        for name, parts in self.joined.items():
+            every = [table[part] for part in parts if part in table]
+            # Of parts that are about different things, or that only their owners see, nothing can be declared.
+            if (
+                len(every) == len(parts)
+                and all(one.columns for one in every)
+                and len({_about(one) for one in every}) == 1
+            ):
+                columns = [(part, column) for part, one in zip(parts, every, strict=True) for column in one.columns]
+                found[name] = replace(every[0], columns=_distinct(columns))
+        return found
+
+
+class SpoofEntities(ObservationWrapper):
+    """Pads entities to a fixed number, so that one policy serves worlds of different sizes (Baker et al.).
+
+    Args:
+        env: what to wrap; its observations are split.
+        total: how many entities there are to be.
+        keys: observations (n_agents, k, ...): padded with zeros to (n_agents, total, ...).
+        mask_keys: masks (n_agents, k): padded with False; `<name>_spoof` (n_agents, total) is False for padding.
+
+    Raises:
+        ValueError: a name that is not observed, or of more entities than `total`.
+    """
+
+    def __init__(self, env: Environment, total: int, keys: Sequence[str], mask_keys: Sequence[str] = ()):
+        super().__init__(env)
+        self.total = check_count("total", total, minimum=1)
+        self.keys, self.mask_keys = tuple(keys), tuple(mask_keys)
+        check_names(env.observation_space.spaces, [*keys, *mask_keys])
+        for key in [*keys, *mask_keys]:
+            shape = env.observation_space[key].shape or ()
+            if len(shape) < 2 or shape[1] > total:
+                raise ValueError(f"{key}: has shape {shape}; takes (n_agents, k, ...) with k up to total, {total}")
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        obs = dict(state.obs)
+        for key in [*self.keys, *self.mask_keys]:
+            x = state.obs[key]
+            obs[key] = jnp.pad(x, [(0, 0), (0, self.total - x.shape[1])] + [(0, 0)] * (x.ndim - 2))
+            if key in self.mask_keys:
+                real = jnp.arange(self.total) < x.shape[1]
+                obs[f"{key}_spoof"] = jnp.broadcast_to(real, obs[key].shape)
+        return obs
+
+    def declared(self) -> dict[str, Observed]:
+        table = dict(self.env.observed)
+        padded = {*self.keys, *self.mask_keys}
+        for key in padded & set(table):
+            one = table[key]
+            axes = (one.axes[0], f"{one.axes[1]} of {self.total}", *one.axes[2:])
+            # A mask that is not padded does not fit any more.
+            seen, present = (mask if mask in padded else None for mask in (one.seen, one.present))
+            table[key] = replace(one, axes=axes, seen=seen, present=present)
+            if key in self.mask_keys:
+                table[f"{key}_spoof"] = Observed(axes)
+        return table
+
+
+def check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:
+    """Refuses names that are not observed.
+
+    Raises:
+        ValueError: naming them.
+    """
+    unknown = [name for name in names if name not in observed]
+    if unknown:
+        raise ValueError(f"observations: got {unknown}; takes some of {sorted(observed)}")
+
+
+def _about(one: Observed) -> tuple:
+    return one.axes, one.private, one.critic, one.present, one.seen
+
+
+def _distinct(columns: Sequence[tuple[str, Column]]) -> tuple[Column, ...]:
+    """Columns of several arrays, those of equal names with the array's before them."""
+    names = [column.name for _, column in columns]
+    return tuple(
+        replace(column, name=f"{part} {column.name}") if names.count(column.name) > 1 else column
+        for part, column in columns
+    )
