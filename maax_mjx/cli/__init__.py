@@ -77,12 +77,13 @@ def run(argv: list[str]) -> None:
     )
     if isinstance(args, Rollout):
         rollout(args, overrides)
+    elif isinstance(args, Info) and (args.env or not overrides):
+        info(args, overrides)
     elif overrides:
-        raise ValueError(f"--env.{next(iter(overrides))}: only rollout takes fields of an environment's config")
+        field = f"--env.{next(iter(overrides))}"
+        raise ValueError(f"{field}: only rollout and info of an environment take fields of its config")
     elif isinstance(args, Sheet):
         with Interrupt():
             sheet(args)
     elif isinstance(args, Replay):
         replay(args)
-    elif isinstance(args, Info):
-        info(args)

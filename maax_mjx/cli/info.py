@@ -13,8 +13,9 @@ import jax
 import tyro
 
 import maax_mjx as maax
-from maax_mjx.cli.options import names, report
+from maax_mjx.cli.options import config_with, names, report
 from maax_mjx.common.runtime import cores
+from maax_mjx.core.describe import Description, Row
 from maax_mjx.physics import IMPLS, best_impl, check_impl
 from maax_mjx.viewer.gl import backends
 
@@ -35,21 +36,21 @@ PACKAGES = (
 
 @dataclass
 class Info:
-    """Tells what is installed: versions, devices, engines, OpenGL; or of an environment, the fields of its config."""
+    """Shows what is installed: versions, devices, engines; or an environment's config, teams and observations."""
 
     env: tyro.conf.Positional[names(maax.tasks()) | None] = None  # type: ignore[valid-type]
-    """An environment's name; none tells what is installed."""
+    """An environment's name; without one, what is installed is shown."""
     json: bool = False
     """Whether to print the result as JSON."""
 
 
-def info(args: Info) -> None:
+def info(args: Info, overrides: Mapping[str, str]) -> None:
     """Runs the command.
 
     Raises:
         ValueError: an unknown environment.
     """
-    result = of_env(args.env) if args.env else of_installation()
+    result = of_env(args.env, overrides) if args.env else of_installation()
     report(result, args.json, "\n".join(_lines(result)))
 
 
@@ -69,11 +70,20 @@ def of_installation() -> dict[str, Any]:
     }
 
 
-def of_env(name: str) -> dict[str, Any]:
-    """An environment's config: what it says of itself, and its fields with their defaults, inner ones dotted."""
-    config = maax.config_of(name)
+def of_env(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
+    """An environment: its config's fields and what it says of itself, its teams, its observations.
+
+    Args:
+        name: of the environment.
+        overrides: of its config, as texts.
+    """
+    config = config_with(name, "auto", overrides)
+    env = maax.make(name, config)
     texts = [inspect.getdoc(kind) for kind in type(config).__mro__ if is_dataclass(kind)]
-    return {"env": name, "fields": _fields(config), "about": [text for text in texts if text]}
+    teams = {team.name: ", ".join(team.agents) for team in env.teams.values()}
+    observations = [row._asdict() for row in env.describe()]
+    about = [text for text in texts if text]
+    return {"env": name, "fields": _fields(config), "teams": teams, "observations": observations, "about": about}
 
 
 def _fields(config: Any, prefix: str = "") -> dict[str, Any]:
@@ -114,7 +124,10 @@ def _shown(value: Any) -> str:
 def _lines(result: Mapping[str, Any]) -> list[str]:
     lines = []
     for name, value in result.items():
-        if name == "about":
+        if name == "observations":
+            table = Description(Row(**row) for row in value)
+            lines += [name, *(f"  {line}" for line in str(table).splitlines())]
+        elif name == "about":
             lines += ["", *"\n\n".join(value).splitlines()]
         elif isinstance(value, Mapping):
             lines += [f"{name}", *(f"  {key:26} {_shown(text)}" for key, text in value.items())]

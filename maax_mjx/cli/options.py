@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ast
 import json
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
-from typing import Any, Literal
+from types import NoneType
+from typing import Any, Literal, get_args, get_type_hints
 
 import maax_mjx as maax
 from maax_mjx.core.env import Environment
@@ -58,32 +58,38 @@ def value_of(text: str) -> Any:
 
 
 def make_env(name: str, impl: str, overrides: Mapping[str, str]) -> Environment:
-    """An environment by name, whose config's fields are given as texts.
-
-    True stands for the defaults of a field that is a config of its own, such as `--env.grab True`.
+    """An environment by name, whose config's fields are given as texts; see `config_with`.
 
     Raises:
         ValueError: what `maax.make` refuses.
     """
-    config = maax.config_of(name, impl=impl)
-    configs = _inner_configs(type(config))
+    return maax.make(name, config_with(name, impl, overrides))
+
+
+def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
+    """The config of an environment, with fields that are given as texts.
+
+    True stands for the defaults of a field that is a config of its own, such as `--env.grab True`.
+
+    Raises:
+        ValueError: an unknown field.
+    """
+    configs = _inner_configs(type(maax.config_of(name)))
     values = {field: value_of(text) for field, text in overrides.items()}
     for field, inner in configs.items():
         if values.get(field) is True:
             values[field] = inner()
     # Whole configs first, so that their own fields can follow in any order.
-    return maax.make(name, config, **dict(sorted(values.items(), key=lambda item: "." in item[0])))
+    return maax.config_of(name, **dict(sorted({"impl": impl, **values}.items(), key=lambda item: "." in item[0])))
 
 
 def _inner_configs(config: type) -> dict[str, type]:
     """The classes of fields that are configs of their own, or None."""
     found = {}
-    for kind in config.__mro__:
-        names = vars(sys.modules[kind.__module__])
-        for field, annotation in vars(kind).get("__annotations__", {}).items():
-            inner = names.get(str(annotation).partition("|")[0].strip())
-            if is_dataclass(inner) and isinstance(inner, type):
-                found[field] = inner
+    for field, hint in get_type_hints(config).items():
+        kinds = [kind for kind in get_args(hint) if isinstance(kind, type) and is_dataclass(kind)]
+        if kinds and NoneType in get_args(hint):
+            found[field] = kinds[0]
     return found
 
 

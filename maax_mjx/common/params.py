@@ -59,8 +59,9 @@ class DomainParams(Mapping[str, jax.Array]):
         for name, value in ranges.items():
             check_choice("DomainParams.replace", name, new)
             dtype = new[name].dtype
-            if not is_traced(value) and np.asarray(value).dtype.kind not in "iu" + "f" * (dtype != jnp.int32):
-                what = "whole number" if dtype == jnp.int32 else "number"
+            is_count = dtype == jnp.int32
+            if not is_traced(value) and np.asarray(value).dtype.kind not in ("iu" if is_count else "iuf"):
+                what = "whole number" if is_count else "number"
                 raise ValueError(f"{name}: got {value!r}; takes a {what}, or (low, high) of {what}s")
             array = jnp.asarray(value, dtype)
             new[name] = jnp.stack([array, array]) if array.ndim == 0 else array

@@ -39,7 +39,7 @@ def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
     return out
 
 
-def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) -> None:
+def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), argument: str = "action") -> None:
     """Refuses an action of other names, shapes or kinds than the space's.
 
     Outside traced code it refuses NaN too, and bins and binaries out of their range.
@@ -47,30 +47,32 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = ()) ->
     Args:
         space: the action space of one world.
         action: the action, with leading axes `lead`.
+        lead: the leading axes.
+        argument: what messages call it.
 
     Raises:
         ValueError: naming the part of the action that is wrong.
     """
     if not isinstance(action, Mapping):
         got = "an array" if isinstance(action, jax.Array) else type(action).__name__
-        raise ValueError(f"action: got {got}; takes a dict with {sorted(space.spaces)}")
+        raise ValueError(f"{argument}: got {got}; takes a dict with {sorted(space.spaces)}")
     if set(action) != set(space.spaces):
-        raise ValueError(f"action: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
+        raise ValueError(f"{argument}: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
     for name, sub in space.spaces.items():
         if not hasattr(action[name], "dtype") and isinstance(action[name], str):
-            raise ValueError(f"action: {name!r} is {action[name]!r}; takes an array")
+            raise ValueError(f"{argument}: {name!r} is {action[name]!r}; takes an array")
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
-            raise ValueError(f"action: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
+            raise ValueError(f"{argument}: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
         whole = isinstance(sub, spaces.MultiDiscrete)
         dtype = jnp.result_type(action[name])
         if whole and not jnp.issubdtype(dtype, jnp.integer):
-            raise ValueError(f"action: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
+            raise ValueError(f"{argument}: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
         for part in [] if is_traced(action[name]) else _on_host(action[name]):
             if np.isnan(part).any():
-                raise ValueError(f"action: {name!r} holds NaN; takes {_takes(sub)}")
+                raise ValueError(f"{argument}: {name!r} holds NaN; takes {_takes(sub)}")
             if not isinstance(sub, spaces.Box) and ((part < 0) | (part > _most(sub))).any():
-                raise ValueError(f"action: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
+                raise ValueError(f"{argument}: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
 
 
 def _most(space: spaces.Space) -> int:

@@ -145,7 +145,8 @@ class Composition:
     def model(self) -> mujoco.MjModel:
         """The compiled MuJoCo model."""
         model = self.spec.compile()
-        for m in self._modules.values(): getattr(m, "cache_step", lambda _: None)(model)  # TEMP
+        for m in self._modules.values():
+            getattr(m, "cache_step", lambda _: None)(model)  # TEMP
         return model
 
     @from_model

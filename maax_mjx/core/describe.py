@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -9,6 +11,8 @@ from gymnasium import spaces
 
 from maax_mjx.common.observed import Column, Observed
 
+MANY = 24
+"""Columns beyond which they are counted instead of listed."""
 UNDECLARED = "undeclared: all agents, in raw observations alone"
 
 
@@ -62,7 +66,13 @@ def describe(observed: Mapping[str, Observed], space: spaces.Dict) -> Descriptio
 
 
 def in_words(columns: tuple[Column, ...]) -> str:
-    """Columns with their units; of one unit in a row, it is said once: "x, y, z (m), cos yaw, sin yaw"."""
+    """Columns with their units, each unit once for several in a row: "x, y, z (m), cos yaw, sin yaw".
+
+    Of the many columns of a flat vector, how many belong to which array: "24 of agent_qpos_qvel, 9 of box_obs".
+    """
+    if len(columns) > MANY:
+        counts = Counter(re.split(r"[\[ ]", column.name)[0] for column in columns)
+        return ", ".join(f"{n} of {name}" for name, n in counts.items())
     parts: list[tuple[list[str], str]] = []
     for column in columns:
         if parts and parts[-1][1] == column.unit:

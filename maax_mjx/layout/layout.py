@@ -13,11 +13,6 @@ from maax_mjx.common.keys import hashed
 from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.plan import RoomPlan
 
-PlacementFn = Callable[["Layout", jax.Array], jax.Array]
-"""`(layout, cells) -> weights`: the layout so far and an object's footprint (2,) in cells to non-negative weights
-(G, G) over the cells where its lower-left corner could go; of booleans, all that are true weigh alike. Cells where it
-would not fit are ruled out afterwards."""
-
 
 class Layout(struct.PyTreeNode):
     """What is drawn so far of one world.
@@ -115,6 +110,12 @@ class Layout(struct.PyTreeNode):
             valid=self.valid & (found | ~jnp.asarray(wanted)),
         )
         return layout, centre, placed
+
+
+PlacementFn = Callable[[Layout, jax.Array], jax.Array]
+"""`(layout, cells) -> weights`: the layout so far and an object's footprint (2,) in cells to non-negative weights
+(G, G) over the cells where its lower-left corner could go; of booleans, all that are true weigh alike. Cells where it
+would not fit are ruled out afterwards."""
 
 
 def _pick(seed: jax.Array, weights: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:

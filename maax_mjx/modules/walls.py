@@ -12,6 +12,7 @@ import numpy as np
 from maax_mjx.common.arrays import with_rows
 from maax_mjx.common.checks import check_choice, check_count, check_count_range, check_fraction
 from maax_mjx.common.keys import draw_integer
+from maax_mjx.common.observed import POSITION, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, World
 from maax_mjx.layout import walls as wall_layout
@@ -219,6 +220,12 @@ class WallScenarios(Module):
             return {}
         doors = {"door_obs": world.plan.doors}
         return doors if self._doors_are_fixed else doors | {"door_mask": world.plan.door_mask}
+
+    def declared(self) -> dict[str, Observed]:
+        if not self.n_inner or not self.door_size:
+            return {}
+        doors = {"door_obs": Observed(("door",), (*POSITION[:2], Column("width", "m")))}
+        return doors if self._doors_are_fixed else doors | {"door_mask": Observed(("door",))}
 
     @property
     def _doors_are_fixed(self) -> bool:

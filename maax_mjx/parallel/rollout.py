@@ -60,10 +60,7 @@ def unroll(
 
     def act(state: Any, key: jax.Array, t: jax.Array) -> Any:
         action = policy(state, jax.random.fold_in(key, t), *args)
-        try:
-            check_action(env.action_space, action)
-        except ValueError as error:
-            raise ValueError(f"policy: what it returns is no {error}") from None
+        check_action(env.action_space, action, argument="policy's action")
         return action
 
     def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, dict[str, Any]]:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from maax_mjx.common.arrays import shown
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.observed import AGENT, Column, Observed
+from maax_mjx.core.describe import Description
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.critic import CriticObservations
@@ -95,6 +96,11 @@ class FlattenObservations(ObservationWrapper):
         if self._critic is not None:
             table["critic"] = Observed((AGENT,), columns + self._columns(self._critics_own()), critic=True)
         return table
+
+    def describe(self) -> Description:
+        """The table of the vectors, and beneath it that of the arrays that they are made of."""
+        parts = (row._replace(name=f"  {row.name}") for row in self.env.describe())
+        return Description((*super().describe(), *parts))
 
     def _critics_own(self) -> list[str]:
         return [name for name, one in self._table.items() if one.critic]
