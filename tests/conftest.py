@@ -26,6 +26,11 @@ LONGEST = ("test_readme", "test_notebooks", "test_env", "test_hostile", "test_wo
 """Files that take longest: begun first, so that no worker is left with one while the other has nothing to do."""
 
 
+def pytest_configure(config):
+    # Else xdist's loadfile begins with the files of most tests.
+    config.option.loadscopereorder = False
+
+
 def pytest_collection_modifyitems(items):
     order = {name: i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))

@@ -8,6 +8,7 @@ import json
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
 
 from maax_mjx.benchmarks import grabs, layouts, load, plots, sampling
 
@@ -53,7 +54,7 @@ def test_sampling(sampled):
 
 def test_scattered_points_keep_apart_inside():
     draw = jax.jit(jax.vmap(lambda key: sampling.scatter(14, 0.5, 2.0, 0.2, key)))
-    for table in np.asarray(draw(jax.random.split(jax.random.key(0), 8))):
+    for table in np.asarray(draw(jax.random.split(seeds.key(0), 8))):
         points = table[table[:, 2] > 0, :2]
         assert sampling.closest(points) >= 0.5
         assert ((points >= 0) & (points <= 2)).all()

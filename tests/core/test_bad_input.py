@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx import Agents, Base, Boxes, DomainParams, Ramps, WallScenarios, WorldParams, Worlds
@@ -186,7 +187,7 @@ def test_modules_come_before_the_first_use():
 def test_an_environment_needs_agents():
     env = base(2, WallScenarios())
     expected = ["got no agents", "add_module(Agents(2, ...))"]
-    refuses(env.reset, expected, jax.random.key(0), error=RuntimeError)
+    refuses(env.reset, expected, seeds.key(0), error=RuntimeError)
     env.add_module(Agents(2))  # the attempt leaves it usable
 
 
@@ -199,7 +200,7 @@ def small():
 @pytest.fixture(scope="module")
 def kit(env_c, env_ranges, small, batch_reset):
     """What the calls below are made with."""
-    key = jax.random.key(0)
+    key = seeds.key(0)
     batch = batch_reset(env_c, jax.random.split(key, 3))
     worlds = Worlds(small, 3)
     return SimpleNamespace(
@@ -348,7 +349,7 @@ def test_params_of_the_caller_are_not_donated(kit):
 
 
 def test_params_out_of_bounds_under_jit_give_an_invalid_world(small, batch_reset):
-    keys = jax.random.split(jax.random.key(0), 3)
+    keys = jax.random.split(seeds.key(0), 3)
     for value, valid in [((1, 9), False), ((2, 1), False), ((-1, 1), False), ((2, 2), True)]:
         state = batch_reset(small, keys, boxes(small, value))
         assert state.world.valid.tolist() == [valid] * 3
@@ -356,7 +357,7 @@ def test_params_out_of_bounds_under_jit_give_an_invalid_world(small, batch_reset
 
 
 def test_nan_under_jit_is_a_fault_of_its_world_alone(kit, batch_step):
-    move = np.random.default_rng(0).uniform(-1, 1, (3, 4, 3)).astype(np.float32)
+    move = seeds.rng(0).uniform(-1, 1, (3, 4, 3)).astype(np.float32)
     states = batch_step(kit.env, kit.batch, {"move": move})
     clean = batch_step(kit.env, states, {"move": move})
     assert not clean.done.any()

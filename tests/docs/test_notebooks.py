@@ -10,7 +10,7 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
-from test_viewer import browser, needs_browser, seen_at
+from helpers.browser import browser, needs_browser, seen_at
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "notebooks"

@@ -5,13 +5,15 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from helpers import seeds
+from helpers.chance import P_MIN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from maax_mjx.layout import Grid, Layout
 
-CELL, FLOOR, P_MIN = 0.2, 6.0, 1e-3
+CELL, FLOOR = 0.2, 6.0
 TOL = 1e-4
 equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
@@ -85,10 +87,10 @@ def test_the_only_place_is_found(data, w, h, slack):
 def test_weights_are_respected():
     field = jnp.zeros((G, G)).at[2, 3].set(1.0).at[7, 1].set(3.0)
     grid, extent = Grid.create(G, G * CELL), jnp.array([CELL, CELL])
-    seeds = jax.vmap(lambda k: jax.random.bits(k, (3,), jnp.uint32))(jax.random.split(jax.random.key(0), 4000))
+    draws = jax.vmap(lambda k: jax.random.bits(k, (3,), jnp.uint32))(jax.random.split(seeds.key(0), 4000))
     search = jax.jit(jax.vmap(lambda seed, field: place(seed, grid, extent, field), in_axes=(0, None)))
-    valid, placed, _, taken = map(np.asarray, search(seeds, field))
+    valid, placed, _, taken = map(np.asarray, search(draws, field))
     assert (valid & placed).all()
     assert taken.sum() == taken[:, 2, 3].sum() + taken[:, 7, 1].sum() == 4000
     assert stats.chisquare([taken[:, 2, 3].sum(), taken[:, 7, 1].sum()], [1000, 3000]).pvalue > P_MIN
-    assert not search(seeds, 0 * field)[1].any()
+    assert not search(draws, 0 * field)[1].any()

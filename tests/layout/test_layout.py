@@ -6,6 +6,8 @@ import jax
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
+from helpers.chance import P_MIN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage, stats
@@ -15,13 +17,13 @@ import maax_mjx as maax
 N, BATCH = 2000, 500
 CELL, FLOOR, RADIUS, HALF = 0.2, 6.0, 0.15, 0.25
 LINE, THIN = 3.1, 0.05  # centre line of both quadrant walls, half their thickness
-TOL, P_MIN = 1e-4, 1e-3
+TOL = 1e-4
 equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
 
 def draw(env, batch_reset, seed=0, n=N, **ranges):
     """`n` layouts on the host."""
-    keys = jax.random.split(jax.random.key(seed), n).reshape(-1, BATCH)
+    keys = jax.random.split(seeds.key(seed), n).reshape(-1, BATCH)
     params = env.default_params.replace(**ranges)
     parts = [jax.device_get(batch_reset(env, k, params).replace(key=())) for k in keys]
     return jax.tree.map(lambda *x: np.concatenate(x), *parts)
@@ -228,7 +230,7 @@ def ordered(limit):
 
 
 @settings(max_examples=12)
-@given(seed=st.integers(0, 2**32 - 1), boxes=ordered(3), ramps=ordered(2))
+@given(seed=st.integers(0, 2**31), boxes=ordered(3), ramps=ordered(2))
 def test_any_seed_and_any_ranges(env_ranges, batch_reset, seed, boxes, ramps):
     state = draw(env_ranges, batch_reset, seed, BATCH, n_boxes=boxes, n_ramps=ramps)
     assert state.world.valid.all()
@@ -240,7 +242,7 @@ def test_any_seed_and_any_ranges(env_ranges, batch_reset, seed, boxes, ramps):
 def test_the_key_determines_the_layout(ranged, batch_reset):
     env, state = ranged
     assert len(np.unique(state.data.qpos, axis=0)) == N
-    keys = jax.random.split(jax.random.key(1), N)[:BATCH]
+    keys = jax.random.split(seeds.key(1), N)[:BATCH]
     again = jax.device_get(batch_reset(env, keys[::-1]).replace(key=()))
     first = jax.tree.map(lambda x: x[:BATCH][::-1], state)
     jax.tree.map(equal, (first.world, first.data.qpos), (again.world, again.data.qpos))
@@ -253,7 +255,7 @@ def test_impossible_params_under_jit_are_flagged(env_ranges, batch_reset, wanted
     assert state.metrics["layout_invalid"].all()
     assert np.isfinite(state.data.qpos).all()
     with pytest.raises(ValueError, match="n_boxes"):
-        env_ranges.reset(jax.random.key(0), env_ranges.default_params.replace(n_boxes=wanted))
+        env_ranges.reset(seeds.key(0), env_ranges.default_params.replace(n_boxes=wanted))
 
 
 def test_an_added_object_changes_a_place_only_by_taking_it(env_ranges, batch_reset):
@@ -268,12 +270,12 @@ def test_an_added_object_changes_a_place_only_by_taking_it(env_ranges, batch_res
 
 def test_parked_entities_stay_where_they_are(env_ranges, batch_reset):
     env = env_ranges
-    start = jax.tree.map(lambda x: x[:32], batch_reset(env, jax.random.split(jax.random.key(4), BATCH)))
+    start = jax.tree.map(lambda x: x[:32], batch_reset(env, jax.random.split(seeds.key(4), BATCH)))
 
     def step(state, key):
         return jax.vmap(env.step)(state, jax.vmap(env.sample_action)(jax.random.split(key, 32))), None
 
-    end = jax.jit(lambda s, k: jax.lax.scan(step, s, k)[0])(start, jax.random.split(jax.random.key(5), 500))
+    end = jax.jit(lambda s, k: jax.lax.scan(step, s, k)[0])(start, jax.random.split(seeds.key(5), 500))
     before, after = np.asarray(start.data.qpos), np.asarray(end.data.qpos)
     assert (abs(after - before)[:, env.modules["agents"].qpos_ids[:, :2]].max(axis=(1, 2)) > 0.1).all()
     absent = [set() for _ in range(32)]
@@ -312,7 +314,7 @@ def crowded():
 
 def test_a_layout_that_is_too_full_is_contained(crowded, batch_reset, batch_step):
     env = crowded
-    state = batch_reset(env, jax.random.split(jax.random.key(0), 64), env.default_params.replace(n_boxes=6))
+    state = batch_reset(env, jax.random.split(seeds.key(0), 64), env.default_params.replace(n_boxes=6))
     ids = env.modules["boxes"].qpos_ids
     active = np.asarray(state.world.active["box"])
     assert (active.any(axis=1) & ~active.all(axis=1)).all()
@@ -323,7 +325,7 @@ def test_a_layout_that_is_too_full_is_contained(crowded, batch_reset, batch_step
     assert not np.asarray(state.obs["box_obs"])[~active].any()
     parked = np.asarray(state.data.qpos)[:, ids][~active]
     assert (parked[:, 2] > 10).all()
-    action = {"move": np.random.default_rng(0).uniform(-1, 1, (64, 2, 3)).astype(np.float32)}
+    action = {"move": seeds.rng(0).uniform(-1, 1, (64, 2, 3)).astype(np.float32)}
     for _ in range(50):
         state = batch_step(env, state, action)
         assert np.asarray(state.metrics["layout_invalid"]).all()
@@ -334,7 +336,7 @@ def test_a_layout_that_is_too_full_is_contained(crowded, batch_reset, batch_step
 
 
 def test_a_layout_that_did_not_fit_is_drawn_again(crowded, batch_reset, monkeypatch):
-    keys, params = jax.random.split(jax.random.key(0), 64), crowded.default_params.replace(n_boxes=3)
+    keys, params = jax.random.split(seeds.key(0), 64), crowded.default_params.replace(n_boxes=3)
     state = batch_reset(crowded, keys, params)
     valid = np.asarray(state.world.valid)
     equal(valid, np.asarray(state.world.active["box"]).sum(axis=1) == 3)

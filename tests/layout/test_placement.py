@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
 from scipy import stats
 
 import maax_mjx as maax
@@ -23,7 +24,7 @@ def make(*modules, scenario="empty"):
 
 def draw(env, batch_reset):
     """Centres (N, n, 2) by module name, the plan, and whether layouts are valid; absent things are NaN."""
-    state = jax.device_get(batch_reset(env, jax.random.split(jax.random.key(2), N)).replace(key=()))
+    state = jax.device_get(batch_reset(env, jax.random.split(seeds.key(2), N)).replace(key=()))
     xy = {}
     for name, module in env.modules.items():
         if name != "walls":
@@ -119,7 +120,7 @@ def test_quadrant_placement_in_a_mix(batch_reset):
 def test_random_yaw(free, batch_reset):
     """Turned squares touch nothing: compared as polygons, by separating axes; angles are uniform."""
     env = make(maax.Boxes(3, free=free, random_yaw=True), maax.Agents(1, random_yaw=True))
-    state = jax.device_get(batch_reset(env, jax.random.split(jax.random.key(3), N // 5)).replace(key=()))
+    state = jax.device_get(batch_reset(env, jax.random.split(seeds.key(3), N // 5)).replace(key=()))
     assert state.world.valid.all()
     boxes = env.modules["boxes"]
     mats = state.data.geom_xmat[:, boxes.geom_ids][..., :2, :2]
@@ -161,7 +162,7 @@ def test_a_function_of_ones_own(batch_reset):
         (lambda: maax.any_of(maax.quad_placement, 3), "any_of: got"),
         (lambda: make(maax.Agents(1, maax.all_of(maax.quad_placement))), "there is none"),
         (
-            lambda: make(maax.Agents(1, maax.room_placement(3)), scenario="tri").reset(jax.random.key(0)),
+            lambda: make(maax.Agents(1, maax.room_placement(3)), scenario="tri").reset(seeds.key(0)),
             "room_placement: got room 3; worlds of this environment have 3",
         ),
         (lambda: maax.WallScenarios([]), "scenario: got none"),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
+from helpers.chance import P_MIN
 from scipy import ndimage, stats
 
 import maax_mjx as maax
@@ -14,7 +16,6 @@ N, BATCH = 10_000, 1_000
 FLOOR, CELL, G, RADIUS = 6.0, 0.2, 30, 0.15
 PIXEL = 0.05
 SIDE = round(FLOOR / PIXEL)
-P_MIN = 1e-3
 INNER = 4
 
 
@@ -28,7 +29,7 @@ def env():
 
 @pytest.fixture(scope="module")
 def worlds(env, batch_reset):
-    keys = jax.random.split(jax.random.key(0), N).reshape(-1, BATCH)
+    keys = jax.random.split(seeds.key(0), N).reshape(-1, BATCH)
     parts = [jax.device_get(batch_reset(env, k).world) for k in keys]
     return jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
@@ -153,7 +154,7 @@ def test_tri_turns_all_ways(worlds):
 
 
 def test_params_move_without_a_retrace(env, batch_reset):
-    keys = jax.random.split(jax.random.key(1), BATCH)
+    keys = jax.random.split(seeds.key(1), BATCH)
     always = env.default_params.replace(prob_outside_walls=1.0, p_door_dropout=0.0, n_rooms=5)
     plan = batch_reset(env, keys, always).world.plan
     assert plan.wall_mask[:, :INNER].all()
@@ -179,7 +180,7 @@ def test_random_rooms_are_distributed_as_published(n_rooms, batch_reset):
     env = maax.Base(1, impl="c")
     env.add_module(maax.RandomWalls(n_rooms))
     env.add_module(maax.Agents(1))
-    keys = jax.random.split(jax.random.key(5), 5 * BATCH).reshape(-1, BATCH)
+    keys = jax.random.split(seeds.key(5), 5 * BATCH).reshape(-1, BATCH)
     plans = [jax.device_get(batch_reset(env, k).world.plan) for k in keys]
     rooms = np.concatenate([p.rooms for p in plans])
     areas = (rooms[..., 2] - rooms[..., 0]) * (rooms[..., 3] - rooms[..., 1])
@@ -188,7 +189,7 @@ def test_random_rooms_are_distributed_as_published(n_rooms, batch_reset):
     # The two pieces of a wall and the door between them, from centre to centre of its first and last cell.
     pieces = (walls[..., 2:] - walls[..., :2]).max(axis=-1).sum(axis=-1)
     lengths = np.round((pieces + doors[..., 2] - 0.1) / CELL)
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     oracle = [w[0] for w in (generate(rng, n_rooms) for _ in range(5 * BATCH)) if w is not None]
     assert stats.ks_2samp(lengths.ravel(), [w.end - w.start for walls in oracle for w in walls]).pvalue > P_MIN
     true_areas = [a for walls in oracle for a in room_areas(walls, G)]

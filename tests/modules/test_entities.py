@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
+from helpers.chance import P_MIN
 from helpers.plain_mujoco import in_plain_mujoco
+from helpers.zoo import FEW, N, active, draw, few, field, make, uniform, wall_rects, zoo_env
 from scipy import stats
-from test_parameters import FEW, P_MIN, N, active, draw, few, field, make, uniform, wall_rects, zoo_env
 
 import maax_mjx as maax
 
@@ -73,7 +74,7 @@ def drawn(request):
 
 
 def held(seed, n, n_agents):
-    return np.random.default_rng(seed).choice([-1.0, 1.0], (n, n_agents, 3)).astype(np.float32)
+    return seeds.rng(seed).choice([-1.0, 1.0], (n, n_agents, 3)).astype(np.float32)
 
 
 # Against MuJoCo's own compiler and engine.
@@ -301,7 +302,7 @@ def towards(env, state, target, agents=slice(None)):
 def test_gear_over_damping_is_the_terminal_speed(open_floor, batch_step):
     """On a slippery, open floor; of the yaw likewise. That agents leave the floor is no fault."""
     env, _ = open_floor
-    gear, damping = np.random.default_rng(0).uniform([50, 5], [150, 15], (N, 2)).astype(np.float32).T
+    gear, damping = seeds.rng(0).uniform([50, 5], [150, 15], (N, 2)).astype(np.float32).T
     pair = {"agent_gear": np.stack([gear] * 2, axis=1), "agent_damping": np.stack([damping] * 2, axis=1)}
     states = few(draw(env, 2, n_boxes=0, n_ramps=0, agent_friction=0.0, floor_friction=0.0, **pair))
     move = np.zeros((FEW, 2, 3), np.float32)
@@ -340,7 +341,7 @@ def test_bodies_fall_by_the_gravity_of_their_world(drawn, batch_step):
 def test_boxes_slide_by_the_larger_friction(open_floor, batch_step):
     """A sliding box stops after v^2 / (2 mu g), mu the larger of its own and the floor's."""
     env, _ = open_floor
-    mu = np.random.default_rng(1).uniform(0.1, 0.8, (2, N)).astype(np.float32)
+    mu = seeds.rng(1).uniform(0.1, 0.8, (2, N)).astype(np.float32)
     one = {name: np.stack([x, x], axis=1) for name, x in zip(("floor_friction", "box_friction"), mu, strict=True)}
     states = few(draw(env, 3, n_boxes=1, n_elongated_boxes=0, n_ramps=0, gravity=-10.0, **one))
     box, speed = env.modules["boxes"], 1.2
@@ -484,7 +485,7 @@ def test_limits_refuse_free_joints():
 
     for module in (maax.Boxes(1, free=True), maax.Ramps(1, free=True), maax.Boxes(1, box_only_z_rot=False)):
         with pytest.raises(ValueError, match=r"(?s)limits.*free|free.*limits"):
-            limits(module).reset(jax.random.key(0))
+            limits(module).reset(seeds.key(0))
 
 
 def test_cylinders_beside_boxes_are_refused_by_jax():
@@ -492,7 +493,7 @@ def test_cylinders_beside_boxes_are_refused_by_jax():
         env = maax.Base(1, impl="jax")
         for module in (maax.Agents(1), maax.Cylinders(1), maax.Boxes(1)):
             env.add_module(module)
-        env.reset(jax.random.key(0))
+        env.reset(seeds.key(0))
 
     with pytest.raises(ValueError, match=r"(?i)cylinder.*box|box.*cylinder"):
         build()

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 
@@ -15,7 +16,7 @@ N, LEVELS = 6, (1, 2, 4)
 def test_levels_follow_success():
     env = maax.make("standard", impl="c", n_boxes=(1, 4))
     curriculum = maax.Curriculum([env.default_params.replace(n_boxes=n) for n in LEVELS])
-    levels, key = curriculum.start(N), jax.random.key(0)
+    levels, key = curriculum.start(N), seeds.key(0)
     able = jnp.array([True, True, True, False, False, False])
     everyone = jnp.ones(N, bool)
     update = jax.jit(curriculum.update)
@@ -30,7 +31,7 @@ def test_levels_follow_success():
     np.testing.assert_array_equal(curriculum.params(levels)["n_boxes"], [[4, 4]] * 3 + [[1, 1]] * 3)
     levels = update(key, levels, everyone, able)
     np.testing.assert_array_equal(levels.playing, [2, 2, 2, 0, 0, 0])
-    beyond = [np.asarray(update(jax.random.key(i), levels, everyone, able).upcoming)[:3] for i in range(30)]
+    beyond = [np.asarray(update(seeds.key(i), levels, everyone, able).upcoming)[:3] for i in range(30)]
     assert set(np.concatenate(beyond)) == {0, 1, 2}
 
 
@@ -50,15 +51,15 @@ def test_worlds_grow_with_a_scripted_agent():
     worlds = Counted(env, N)
     curriculum = maax.Curriculum([env.default_params.replace(n_boxes=n) for n in LEVELS])
     levels = curriculum.start(N)
-    states = worlds.reset(jax.random.key(1), curriculum.params(levels))
+    states = worlds.reset(seeds.key(1), curriculum.params(levels))
     seen = []
     for t in range(30):
         n_boxes = states.world.active["box"].sum(axis=1)
         np.testing.assert_array_equal(n_boxes, np.array(LEVELS)[levels.playing])
         seen.append(np.asarray(n_boxes))
-        states = worlds.step(states, worlds.sample_action(jax.random.key(t)))
+        states = worlds.step(states, worlds.sample_action(seeds.key(t)))
         wins = (jnp.arange(N) % 2 == 0) | (n_boxes == 1)
-        levels = curriculum.update(jax.random.key(t), levels, states.done, wins)
+        levels = curriculum.update(seeds.key(t), levels, states.done, wins)
         states = worlds.with_params(states, curriculum.params(levels))
     seen = np.stack(seen)
     assert seen[:, ::2].max() == 4

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import soak
@@ -31,7 +32,7 @@ def worlds(env):
 
 @pytest.fixture(scope="module")
 def start(worlds):
-    return worlds.reset(jax.random.key(3), stagger=True)
+    return worlds.reset(seeds.key(3), stagger=True)
 
 
 def policy(state, key, gain):
@@ -45,7 +46,7 @@ KEEP = ("obs.agent_pos", "action", "reward", "truncated", "final_obs", "metrics.
 
 @pytest.fixture(scope="module")
 def rolled(worlds, start):
-    return worlds.rollout(start, policy, T, jnp.float32(0.5), key=jax.random.key(9), keep=KEEP)
+    return worlds.rollout(start, policy, T, jnp.float32(0.5), key=seeds.key(9), keep=KEEP)
 
 
 def host(tree):
@@ -65,7 +66,7 @@ def test_a_rollout_is_a_loop_of_steps(worlds, start, rolled):
     assert set(kept) == set(KEEP)
     states = start
     for t in range(T):
-        keys = [jax.random.fold_in(jax.random.fold_in(jax.random.key(9), i), t) for i in range(N)]
+        keys = [jax.random.fold_in(jax.random.fold_in(seeds.key(9), i), t) for i in range(N)]
         views = [jax.tree.map(lambda x, i=i: x[i], states.obs) for i in range(N)]
         actions = [policy(states.replace(obs=view), key, 0.5)["move"] for view, key in zip(views, keys, strict=True)]
         np.testing.assert_array_equal(kept["obs.agent_pos"][t], states.obs["agent_pos"])
@@ -83,7 +84,7 @@ def test_a_rollout_is_a_loop_of_steps(worlds, start, rolled):
 
 def test_arguments_may_change_without_compiling(worlds, start, rolled, caplog):
     with jax.log_compiles():
-        other, _ = worlds.rollout(start, policy, T, jnp.float32(0.0), key=jax.random.key(9), keep=KEEP)
+        other, _ = worlds.rollout(start, policy, T, jnp.float32(0.0), key=seeds.key(9), keep=KEEP)
     assert not [r for r in caplog.records if "Compiling" in r.getMessage() and "rollout" in r.getMessage()]
     assert not np.array_equal(other.data.qpos, rolled[0].data.qpos)
 
@@ -157,12 +158,12 @@ def test_too_much_for_the_memory(env, start, monkeypatch, impl, told, late):
     monkeypatch.setattr(worlds, "_step", fails)
     monkeypatch.setattr(type(env.engine), "impl", impl)
     with pytest.raises(MemoryError, match=r"6 worlds do not fit .* take fewer \(n_worlds\).*9 bytes\.\)$") as refused:
-        worlds.step(start, worlds.sample_action(jax.random.key(0)))
+        worlds.step(start, worlds.sample_action(seeds.key(0)))
     assert ("MEM_FRACTION" in str(refused.value)) == (impl == "warp")
 
 
 def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
-    states, others = rolled[0], {"params": {"w": jnp.arange(3.0)}, "key": jax.random.key(5), "n": jnp.asarray(7)}
+    states, others = rolled[0], {"params": {"w": jnp.arange(3.0)}, "key": seeds.key(5), "n": jnp.asarray(7)}
     checkpoints = maax.Checkpoints(tmp_path / "run", keep=2)
     assert checkpoints.latest is None
     with pytest.raises(FileNotFoundError, match="has no saves yet"):
@@ -172,10 +173,10 @@ def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
     checkpoints.save(5, worlds, states, **others)
     again = maax.Checkpoints(tmp_path / "run")
     assert again.latest == 5
-    restored, found = again.restore(worlds, **jax.tree.map(jnp.zeros_like, others | {"key": jax.random.key(0)}))
+    restored, found = again.restore(worlds, **jax.tree.map(jnp.zeros_like, others | {"key": seeds.key(0)}))
     assert_same(restored, states)
     assert_same(found, others)
-    after = [worlds.rollout(s, policy, T, jnp.float32(1.0), key=jax.random.key(1))[0] for s in (states, restored)]
+    after = [worlds.rollout(s, policy, T, jnp.float32(1.0), key=seeds.key(1))[0] for s in (states, restored)]
     assert_same(*after)
     assert_same(again.restore(worlds, 2)[0], start)
     with pytest.raises(FileNotFoundError, match=r"number: got 1, and .* has the saves \[2, 5\]"):

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 from maax_mjx import Agents, Base, Boxes, State, WallScenarios, Worlds, WorldsState, to_mjcf
 
@@ -111,7 +112,7 @@ def few(env):
 @pytest.fixture(scope="module")
 def moves():
     """(T, N, 2, 3): two horizons with ends here and there, then one in which a third of all worlds ends each step."""
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     moves = rng.uniform(-0.5, 0.5, (STEPS, N, 2, 3)).astype(np.float32)
     ends = rng.random((STEPS, N)) < np.where(np.arange(STEPS) < 2 * HORIZON, 0.05, 0.35)[:, None]
     ends[HORIZON - 1] = False
@@ -121,7 +122,7 @@ def moves():
 
 @pytest.fixture(scope="module")
 def run(many, moves):
-    key = jax.random.key(7)
+    key = seeds.key(7)
     return SimpleNamespace(key=key, history=play(many, many.reset(key), moves))
 
 
@@ -212,7 +213,7 @@ def test_a_world_does_not_depend_on_the_others(many, few, moves, run, staggered)
 
 def test_the_same_key_gives_the_same_trajectory(many, moves, run):
     assert_equal(play(many, many.reset(run.key), moves), run.history)
-    first = layouts(many.reset(jax.random.key(8)))
+    first = layouts(many.reset(seeds.key(8)))
     assert not (first == layouts(run.history[0])).all(axis=1).any()
 
 
@@ -290,7 +291,7 @@ def test_nothing_is_compiled_or_traced_again(env, few, run, moves, caplog):
     def use(seed, low, high):
         each = jax.tree.map(lambda x: jnp.tile(x, (FEW, 1)), params).replace(n_boxes=[[low, high]] * FEW)
         for new, stagger in ((None, False), (params.replace(n_boxes=(low, high)), True), (each, False)):
-            states = few.reset(jax.random.key(seed), new, stagger=stagger)
+            states = few.reset(seeds.key(seed), new, stagger=stagger)
             for t, move in enumerate(moves[:, :FEW]):
                 states = few.step(states, {"move": move + seed / 100 if t % 2 else jnp.asarray(move)})
                 if t % 4 == 3:
@@ -362,7 +363,7 @@ def test_stagger_spreads_the_ends(many, run):
 
 @pytest.mark.parametrize("horizon", [1, 2])
 def test_all_worlds_at_once_when_nothing_is_drawn_ahead(brief, horizon, batch_reset):
-    worlds, key = brief(horizon), jax.random.key(11)
+    worlds, key = brief(horizon), seeds.key(11)
     history = play(worlds, worlds.reset(key), np.zeros((4 * horizon, N, 1, 3), np.float32))
     seen = []
     for k, states in enumerate(history[::horizon]):

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.physics.connects import with_velocity_terms
@@ -45,7 +46,7 @@ def test_reference_accelerations_are_those_of_mujoco(active):
             d = stage(on_device, d)
         return d._impl.efc_aref, with_velocity_terms(on_device, d)._impl.efc_aref
 
-    rng, without = np.random.default_rng(0), []
+    rng, without = seeds.rng(0), []
     for _ in range(5):
         data.qvel[:] = rng.normal(scale=3, size=model.nv)
         mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 
@@ -18,7 +19,7 @@ def make(impl="jax"):
 
 def facing_a_box(env, gap):
     """The agent at (2, 3), a box in front of it with `gap` between their surfaces."""
-    state = env.reset(jax.random.key(0))
+    state = env.reset(seeds.key(0))
     agent, box = env.agents.qpos_ids[0], env.modules["boxes"].qpos_ids[0]
     qpos = state.data.qpos.at[agent[[0, 1, 3]]].set(jnp.array([2.0, 3.0, 0.0]))
     qpos = qpos.at[box[[0, 1, 3]]].set(jnp.array([2.4 + gap, 3.05, 0.0]))
@@ -45,7 +46,7 @@ def derivatives():
     def at(gap):
         with jax.enable_x64(True):
             state = place(gap)
-            actions = jnp.array([0.5, 0.0, 0.0]) + 0.5 * jax.random.uniform(jax.random.key(1), (STEPS, 1, 3))
+            actions = jnp.array([0.5, 0.0, 0.0]) + 0.5 * jax.random.uniform(seeds.key(1), (STEPS, 1, 3))
             change = EPS * jnp.eye(actions.size).reshape(-1, *actions.shape)
             ahead, behind = run(actions + change, state), run(actions - change, state)
             differences = np.reshape((ahead - behind)[:, 0] / (2 * EPS), actions.shape)
@@ -68,7 +69,7 @@ def test_forward_reverse_and_finite_differences_agree(derivatives, gap, pushed):
 
 def test_the_world_has_no_derivative():
     env = make()
-    state = jax.eval_shape(env.reset, jax.random.key(0))
+    state = jax.eval_shape(env.reset, seeds.key(0))
 
     def loss(pos, state):
         fields = state.world.fields | {"geom_pos": pos}
@@ -84,7 +85,7 @@ def test_other_engines_say_so(impl):
     if impl == "warp":
         pytest.importorskip("warp")
     env = make(impl)
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     for mode in (jax.grad, jax.jacfwd):
         with pytest.raises(maax.NotDifferentiableError, match=f"impl='{impl}' has no derivatives.*impl='jax'"):
             mode(lambda a: env.step(state, {"move": a}).data.qpos[0])(jnp.zeros((1, 3)))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.benchmarks.hostile import Seen, player
@@ -23,7 +23,7 @@ def compiled(impl, gravity, n_worlds):
 def play(impl, gravity, n_worlds, n_steps, held, seed=0):
     """Bang-bang actions held for `held` steps: the counts, after checking that a user saw nothing bad."""
     worlds, run = compiled(impl, gravity, n_worlds)
-    states, seen = run(worlds.reset(jax.random.key(seed)), Seen.nothing(), jnp.arange(n_steps), held)
+    states, seen = run(worlds.reset(seeds.key(seed)), Seen.nothing(), jnp.arange(n_steps), held)
     assert bool(seen.finite), "a NaN or infinity reached the user"
     assert bool(seen.inside), "an agent was left outside the arena"
     assert bool(seen.truncating), "a fault did not truncate its world"
@@ -68,14 +68,14 @@ def test_warp():
 def four(request):
     """Four worlds and their first states, compiled once per engine."""
     worlds = maax.Worlds(request.getfixturevalue(f"env_{request.param}"), 4, donate=False)
-    return worlds, worlds.reset(jax.random.key(1))
+    return worlds, worlds.reset(seeds.key(1))
 
 
 @pytest.mark.parametrize("damage", ["nan", "outside", "high", "below"])
 def test_a_fault_is_contained(four, damage):
     worlds, states = four
     env = worlds.env
-    action = worlds.sample_action(jax.random.key(2))
+    action = worlds.sample_action(seeds.key(2))
     joint = {"nan": 0, "outside": 0, "high": 2, "below": 2}[damage]
     value = {"nan": np.nan, "outside": 7.0, "high": 9.0, "below": -2.0}[damage]
     address = env.agents.qpos_ids[1][joint]

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from mujoco import mjx
 from scipy.optimize import minimize
 
@@ -34,7 +35,7 @@ def model(loss=0.0, cone="pyramidal", integrator="Euler", ls_iterations=20):
 
 def problems(data):
     """N random problems of this size: rows, their weights and references, and forces without them."""
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     rows, nv = data._impl.efc_J.shape
     half = rng.normal(size=(N, nv, nv))
     inertia = half @ half.transpose(0, 2, 1) / nv + np.eye(nv)

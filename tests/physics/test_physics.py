@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
@@ -17,17 +18,17 @@ HELD = 20
 
 
 def bang_bang(seed, n=N, n_agents=4):
-    return np.random.default_rng(seed).choice([-1.0, 1.0], (n, n_agents, 3)).astype(np.float32)
+    return seeds.rng(seed).choice([-1.0, 1.0], (n, n_agents, 3)).astype(np.float32)
 
 
 def uniform(seed, n=N, n_agents=4):
-    return np.random.default_rng(seed).uniform(-1, 1, (n, n_agents, 3)).astype(np.float32)
+    return seeds.rng(seed).uniform(-1, 1, (n, n_agents, 3)).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
 def pushed(env_c, batch_reset, batch_step):
     """64 worlds of M after 80 steps of held full force: agents, boxes and ramps in contact with walls."""
-    states = batch_reset(env_c, jax.random.split(jax.random.key(7), N))
+    states = batch_reset(env_c, jax.random.split(seeds.key(7), N))
     for t in range(80):
         states = batch_step(env_c, states, {"move": bang_bang(t // HELD)})
     return states
@@ -76,9 +77,9 @@ def test_own_kinematics_equal_those_of_mjx(free):
     env.add_module(maax.Agents(1))
     env.add_module(maax.Boxes(2, free=free))
     assert UprightKinematics.applies(env.model, env.overlay) is not free
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     qpos = np.array(state.data.qpos)
-    qpos += np.random.default_rng(0).normal(size=qpos.shape).astype(np.float32)
+    qpos += seeds.rng(0).normal(size=qpos.shape).astype(np.float32)
     data = env.engine.mjx.kinematics(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
     model, truth = in_plain_mujoco(env, state, None)
     truth.qpos[:] = qpos
@@ -92,7 +93,7 @@ def test_own_kinematics_equal_those_of_mjx(free):
 def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, batch_step, request):
     """1,024 states along held-action runs, each stepped once by an accelerator's engine and once by plain MuJoCo."""
     env = request.getfixturevalue(f"env_{impl}")
-    states = batch_reset(env_c, jax.random.split(jax.random.key(7), N))
+    states = batch_reset(env_c, jax.random.split(seeds.key(7), N))
     for t in range(80):
         states = batch_step(env_c, states, {"move": draw(t // HELD)})
     worlds, errors = [in_plain_mujoco(env_c, states, i) for i in range(N)], []
@@ -116,7 +117,7 @@ def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, ba
 @pytest.mark.parametrize("impl", ["jax", "warp"])
 def test_free_runs_with_mujoco(impl, env_c, batch_reset, batch_step, request):
     env = request.getfixturevalue(f"env_{impl}")
-    keys = jax.random.split(jax.random.key(3), N)
+    keys = jax.random.split(seeds.key(3), N)
     truth, states = batch_reset(env_c, keys), batch_reset(env, keys)
     for t in range(100):
         action = {"move": bang_bang(20000 + t // HELD)}
@@ -127,7 +128,7 @@ def test_free_runs_with_mujoco(impl, env_c, batch_reset, batch_step, request):
 
 @pytest.mark.parametrize("impl", ["jax", "warp"])
 def test_same_keys_same_layouts_on_all_engines(impl, env_c, batch_reset, request):
-    keys = jax.random.split(jax.random.key(3), N)
+    keys = jax.random.split(seeds.key(3), N)
     a, b = batch_reset(env_c, keys), batch_reset(request.getfixturevalue(f"env_{impl}"), keys)
     np.testing.assert_array_equal(a.data.qpos, b.data.qpos)
     for name in a.world.fields:
@@ -148,7 +149,7 @@ def test_n_frames_are_physics_steps(env_c, pushed, batch_step):
 def test_gravity_and_timestep_are_used():
     params = maax.WorldParams(gravity=-50.0, timestep=0.002)
     env = maax.make("standard", impl="c", world_params=params)
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     model, _ = in_plain_mujoco(env, state, None)
     assert model.opt.gravity[2] == -50.0
     assert model.opt.timestep == env.model.opt.timestep == 0.002
@@ -167,7 +168,7 @@ def test_contact_overflow_is_reported_and_counted(impl):
         pytest.importorskip("warp")
     alone = {"scenario": "empty", "outer": "none", "n_hiders": 1, "n_seekers": 0, "n_ramps": 0}
     worlds = maax.Worlds(maax.make("standard", impl=impl, contacts_per_world=4, **alone), 3)
-    states, flags = worlds.reset(jax.random.key(0)), np.zeros(3, int)
+    states, flags = worlds.reset(seeds.key(0)), np.zeros(3, int)
     for _ in range(20):
         states = worlds.step(states, {"move": jnp.zeros((3, 1, 3))})
         flags += np.asarray(states.metrics["contact_overflow"])
@@ -179,7 +180,7 @@ def test_no_overflow_where_there_is_room():
     """One agent and the floor make one contact: all of them in use is not too many."""
     env = maax.Base(1, impl="jax")
     env.add_module(maax.Agents(1))
-    state = jax.jit(env.step)(jax.jit(env.reset)(jax.random.key(0)), {"move": jnp.zeros((1, 3))})
+    state = jax.jit(env.step)(jax.jit(env.reset)(seeds.key(0)), {"move": jnp.zeros((1, 3))})
     assert not state.metrics["contact_overflow"]
 
 
@@ -187,7 +188,7 @@ def test_no_overflow_where_there_is_room():
 def test_gravity_moves_what_falls(gravity):
     env = maax.Base(1, impl="c", world_params=maax.WorldParams(gravity=gravity))
     env.add_module(maax.Agents(1))
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     z, vz = env.agents.qpos_ids[0][2], env.agents.qvel_ids[0][2]
     state = state.replace(data=state.data.replace(qpos=state.data.qpos.at[z].set(1.0)))
     state = jax.jit(env.step)(state, {"move": jnp.zeros((1, 3))})
@@ -206,7 +207,7 @@ def test_free_joints(impl):
             envs[name].add_module(module)
         envs[name].add_module(maax.Ramps(1, free=True))
     env = envs["c"]
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(5), 8))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(5), 8))
     worlds = [in_plain_mujoco(env, states, i) for i in range(8)]
     steps = {name: jax.jit(jax.vmap(e.step)) for name, e in envs.items()}
     parked = ~np.asarray(states.world.active["box"])
@@ -232,7 +233,7 @@ def test_free_joints(impl):
 @pytest.mark.parametrize("then", ["c", "warp"])
 def test_a_state_goes_on_on_another_engine(first, then, batch_reset, batch_step, request):
     a, b = (request.getfixturevalue(f"env_{impl}") for impl in (first, then))
-    states = batch_reset(a, jax.random.split(jax.random.key(4), N))
+    states = batch_reset(a, jax.random.split(seeds.key(4), N))
     action = {"move": jnp.full((N, 4, 3), 0.5)}
     onward, own = batch_step(b, states, action), batch_step(a, states, action)
     np.testing.assert_allclose(onward.data.qpos, own.data.qpos, atol=1e-4)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.physics import select
@@ -15,7 +16,7 @@ PLATFORMS = ("cpu", "cuda", "tpu")
 
 def test_reset_and_step_are_exported_for_all_platforms(env_jax):
     """Nothing in them is bound to the platform that they are traced on. No TPU was at hand to run it."""
-    key = jax.random.key(0)
+    key = seeds.key(0)
     reset = jax.export.export(jax.jit(env_jax.reset), platforms=PLATFORMS)(key)
     state = jax.eval_shape(env_jax.reset, key)
     action = {"move": jax.ShapeDtypeStruct((4, 3), jnp.float32)}
@@ -27,7 +28,7 @@ def test_reset_and_step_are_exported_for_all_platforms(env_jax):
 def test_a_batch_is_exported_for_all_platforms(env_jax):
     worlds = maax.Worlds(env_jax, 4)
     params = jax.tree.map(lambda x: jnp.broadcast_to(x, (4, 2)), env_jax.default_params)
-    states = jax.eval_shape(worlds.reset_fn, jax.random.key(0), params, jnp.asarray(False))
+    states = jax.eval_shape(worlds.reset_fn, seeds.key(0), params, jnp.asarray(False))
     action = {"move": jax.ShapeDtypeStruct((4, 4, 3), jnp.float32)}
     assert jax.export.export(jax.jit(worlds.step_fn), platforms=PLATFORMS)(states, action).platforms == PLATFORMS
 

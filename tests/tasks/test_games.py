@@ -37,6 +37,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.tasks import GrabConfig, StandardConfig, TagConfig, observed_by_agents, registry, standard
@@ -432,11 +433,11 @@ def played(game):
     @cache
     def play(name):
         env = game(name)
-        keys = jax.random.split(jax.random.key(0), BATCH[name])
+        keys = jax.random.split(seeds.key(0), BATCH[name])
         reset, step = jax.jit(jax.vmap(env.reset)), jax.jit(jax.vmap(env.step))
         states, actions = [reset(keys)], []
         for t in range(2):
-            action = jax.vmap(env.sample_action)(jax.random.split(jax.random.key(t), BATCH[name]))
+            action = jax.vmap(env.sample_action)(jax.random.split(seeds.key(t), BATCH[name]))
             action |= {key: jnp.ones_like(action[key]) for key in ("lock", "grab") if key in action}
             states.append(step(states[-1], action))
             actions.append(jax.device_get(action))
@@ -590,11 +591,11 @@ def told():
     @cache
     def raw(name):
         env = make(name, observations="raw")
-        return env, jax.eval_shape(env.reset, jax.random.key(0))
+        return env, jax.eval_shape(env.reset, seeds.key(0))
 
     def tell(name, observations, observe="self"):
         env, state = raw(name)
-        rng = np.random.default_rng(0)
+        rng = seeds.rng(0)
         obs = {
             key: rng.random(x.shape) < 0.5 if x.dtype == np.int8 else rng.normal(size=x.shape).astype(np.float32)
             for key, x in env.observation_space.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+from helpers import seeds
 
 from maax_mjx.tasks import scenes, scripted
 
@@ -11,7 +12,7 @@ N = 16
 
 
 def start(scene):
-    return jax.jit(jax.vmap(scene.reset))(jax.random.split(jax.random.key(0), N))
+    return jax.jit(jax.vmap(scene.reset))(jax.random.split(seeds.key(0), N))
 
 
 def play(scene, states):

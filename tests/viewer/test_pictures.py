@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -14,7 +15,7 @@ from maax_mjx.viewer import contact_sheet, draw_plan
 
 @pytest.fixture(scope="module")
 def states(env_ranges, batch_reset):
-    return batch_reset(env_ranges, jax.random.split(jax.random.key(0), 8))
+    return batch_reset(env_ranges, jax.random.split(seeds.key(0), 8))
 
 
 def test_plan_draws_everything_where_it_is(env_ranges, states):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import re
-import shutil
 import sys
-import time
 
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
+from helpers.browser import browser, needs_browser, seen_at
 from PIL import Image
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
@@ -28,11 +27,6 @@ from maax_mjx.wrappers import Lidar, find
 
 HORIZON, PREPARATION, N_STEPS = 12, 5, 30
 SHOWN = [2, 0]
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-CHROMEDRIVER = shutil.which("chromedriver")
-needs_browser = pytest.mark.skipif(
-    not CHROMIUM or not CHROMEDRIVER, reason="no browser: apt-get install chromium chromium-driver"
-)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +42,7 @@ def env():
 def played(env):
     """What the worlds were at first, and 30 steps of two of them, two resets among them."""
     worlds = maax.Worlds(env, 3)
-    first = worlds.reset(jax.random.key(0))
+    first = worlds.reset(seeds.key(0))
     began = jax.device_get(first.data.qpos)
 
     def policy(state, key):
@@ -360,7 +354,7 @@ def test_every_kind_of_solid_is_drawn(tmp_path, view):
     env.add_module(maax.WallScenarios("empty", outer="none"))
     env.add_module(maax.Agents(1, maax.uniform_placement))
     env.add_module(Toys(tmp_path / "toys.xml"))
-    image = maax.render(env, env.reset(jax.random.key(0)), view=view, camera="top", size=(600, 600)).astype(int)
+    image = maax.render(env, env.reset(seeds.key(0)), view=view, camera="top", size=(600, 600)).astype(int)
     blobs, n = ndimage.label((image[..., 0] > 100) & (image[..., 1] < 80) & (image[..., 2] > 100))
     assert n == 5
     # From left to right: the egg, then from the front to the back the ball, the middle and the disc, then the pill.
@@ -476,50 +470,6 @@ def hiders_in(image):
     return sum((mask & (spots == i + 1)).sum() > 8 for i in range(n))
 
 
-def browser(profile):
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for argument in (
-        "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-        "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", f"--user-data-dir={profile}",
-        "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=420,620",
-        "--host-resolver-rules=MAP * ~NOTFOUND",
-    ):  # fmt: skip
-        options.add_argument(argument)
-    return webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
-
-
-def seen_at(driver, seconds):
-    """(height, width, 3) the scene at a time, once it stands still."""
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.common.keys import Keys
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    field = WebDriverWait(driver, 60).until(lambda d: d.find_element(By.CSS_SELECTOR, "input[inputmode]"))
-    for _ in range(10):
-        field.send_keys(Keys.CONTROL, "a")
-        field.send_keys(seconds, Keys.TAB)
-        # While it plays, the page writes into the field, too; the first key stops it.
-        if float(field.get_attribute("value")) == float(seconds):
-            break
-    assert float(field.get_attribute("value")) == float(seconds)
-    driver.execute_script(
-        "document.querySelectorAll('.mantine-Notifications-root').forEach(e => e.style.display = 'none')"
-    )
-    before = None
-    for _ in range(40):
-        time.sleep(0.4)
-        canvas = driver.find_element(By.TAG_NAME, "canvas")
-        now = np.asarray(Image.open(io.BytesIO(canvas.screenshot_as_png)).convert("RGB"))
-        if before is not None and now.shape == before.shape and now.std() > 3 and np.array_equal(now, before):
-            return now
-        before = now
-    raise AssertionError("the scene does not come to rest")
-
-
 def test_missing_libraries_are_named(env, recording, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "viser", None)
     monkeypatch.setitem(sys.modules, "av", None)
@@ -572,7 +522,7 @@ WRONG = {
         lambda env, rec: maax.record(maax.Worlds(env, 2), lambda state, key: None, rec, 1), "states: got function"
     ),
     "record key": (
-        lambda env, rec: (w := maax.Worlds(env, 2)) and maax.record(w, w.reset(jax.random.key(0)), None, 1, key=0),
+        lambda env, rec: (w := maax.Worlds(env, 2)) and maax.record(w, w.reset(seeds.key(0)), None, 1, key=0),
         "key: got 0",
     ),
     "plan's camera": (
@@ -584,7 +534,7 @@ WRONG = {
     ),
     "record policy": (
         lambda env, rec: (w := maax.Worlds(env, 2))
-        and maax.record(w, w.reset(jax.random.key(0)), lambda state, key: None, 1),
+        and maax.record(w, w.reset(seeds.key(0)), lambda state, key: None, 1),
         "policy: what it returns is no action: got NoneType",
     ),
     "record show": (lambda env, rec: maax.record(maax.Worlds(env, 2), None, None, 1, show=5), "show: got 5"),

@@ -7,6 +7,7 @@ from collections import Counter
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from hypothesis import given
 from hypothesis import strategies as st
 from mujoco import mjx
@@ -20,7 +21,7 @@ close = np.testing.assert_allclose
 
 def world(*objects, seed=0, size=6.0, params=None, friction=None):
     """A builder with objects on its floor."""
-    builder = WorldBuilder(params, seed)
+    builder = WorldBuilder(params, seeds.seed(seed))
     floor = builder.append(Floor(size, friction=friction))
     for obj in objects:
         floor.append(obj)
@@ -48,7 +49,7 @@ def test_five_phases():
     floor.assign_names(Counter())
     assert (table.name, box.name) == ("box0", "box1")
     assert not hasattr(box, "size")
-    floor.generate(np.random.default_rng(0))
+    floor.generate(seeds.rng(0))
     assert ((box.size >= 0.2) & (box.size <= 0.4)).all()
     assert not hasattr(box, "position")
     floor.locate(np.array([10.0, 20.0, 0.0]))
@@ -125,7 +126,7 @@ def test_random_placement_never_overlaps():
 
 def test_random_placement_avoids_given_places():
     for seed in SEEDS:
-        builder = WorldBuilder(seed=seed)
+        builder = WorldBuilder(seed=seeds.seed(seed))
         floor = builder.append(Floor(3.0))
         floor.append(Geom("box", (0.8, 0.8, 1)))
         floor.append(Geom("box", (0.8, 0.8, 1)), placement_xy=(0.5, 0.5))
@@ -158,7 +159,7 @@ def test_parking_stacks_without_touching():
 
 @pytest.mark.parametrize("free", [False, True])
 def test_nested_stacks_rest_where_they_were_put(free):
-    builder = WorldBuilder(seed=3)
+    builder = WorldBuilder(seed=seeds.seed(3))
     table = builder.append(Floor()).append(Geom("box", (1, 1, 0.4), free=free))
     box = table.append(Geom("box", (0.4, 0.4, 0.3), free=free))
     box.append(Geom("cylinder", (0.2, 0.2), free=free))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.worldgen import Floor, Geom, ObjFromSTL, ObjFromXML, WorldBuilder, WorldFullError
@@ -40,7 +41,7 @@ def cupboard(tmp_path):
 
 
 def on_floor(obj, seed=0, size=4.0, at=(0.5, 0.5)):
-    builder = WorldBuilder(seed=seed)
+    builder = WorldBuilder(seed=seeds.seed(seed))
     builder.append(Floor(size)).append(obj, placement_xy=at)
     return builder
 
@@ -213,7 +214,7 @@ def test_the_mass_of_an_stl(stl):
 def test_stl_objects_share_meshes_load_anywhere_and_rest(stl, tmp_path):
     (tmp_path / "b").mkdir()
     other = write_stl(tmp_path / "b" / "tetra.stl", 2 * TETRAHEDRON)
-    builder = WorldBuilder(seed=1)
+    builder = WorldBuilder(seed=seeds.seed(1))
     floor = builder.append(Floor())
     for path in (stl, stl, other):
         floor.append(ObjFromSTL(path, free=True))

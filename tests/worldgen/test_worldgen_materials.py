@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.worldgen import Floor, Geom, Material, ObjFromXML, Wedge, WorldBuilder
@@ -14,7 +15,7 @@ RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def world(*objects, seed=0):
-    builder = WorldBuilder(seed=seed)
+    builder = WorldBuilder(seed=seeds.seed(seed))
     floor = builder.append(Floor())
     for obj in objects:
         floor.append(obj)

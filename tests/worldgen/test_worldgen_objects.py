@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.worldgen import (
@@ -33,7 +34,7 @@ def compiled(builder):
 
 
 def world(*objects, seed=0, size=6.0):
-    builder = WorldBuilder(seed=seed)
+    builder = WorldBuilder(seed=seeds.seed(seed))
     floor = builder.append(Floor(size))
     for obj in objects:
         floor.append(obj)
@@ -216,7 +217,7 @@ def test_xinit_is_where_the_objects_are():
 
 @pytest.mark.parametrize("free", [False, True])
 def test_stacks_rest_for_two_seconds(free):
-    builder = WorldBuilder(seed=3)
+    builder = WorldBuilder(seed=seeds.seed(3))
     floor = builder.append(Floor())
     floor.append(Geom("box", (0.5, 0.5, 0.5), free=free))
     table = floor.append(Geom("box", (1, 1, 0.4), free=free))

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
@@ -34,7 +35,7 @@ def truth(candidate, distance, exclusive):
 @pytest.mark.parametrize(("n_agents", "n_objects"), [(2, 2), (2, 3), (3, 2), (3, 3), (4, 5)])
 def test_rule(n_agents, n_objects, exclusive):
     """Every candidate matrix of the small ones, 500 random ones of the largest; distances are random."""
-    rng = np.random.default_rng(n_agents * 10 + n_objects)
+    rng = seeds.rng(n_agents * 10 + n_objects)
     if n_agents == 4:
         candidates = rng.random((500, n_agents, n_objects)) < rng.choice([0.2, 0.5, 0.9], (500, 1, 1))
     else:
@@ -78,7 +79,7 @@ def test_the_nearest_within_reach_is_held(selective, exclusive):
     env.add_module(maax.Ramps((0, 1)))
     env = maax.GrabObjects(env, selective=selective, exclusive=exclusive)
     assert env.action_space["grab"].shape == ((4, 4) if selective else (4,))
-    start = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), N_WORLDS))
+    start = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N_WORLDS))
     agents, modules = env.base.agents, [env.base.modules[name] for name in ("boxes", "ramps")]
     ids = np.concatenate([m.qpos_ids for m in modules])
     here = np.asarray(start.world.active["agent"])
@@ -94,7 +95,7 @@ def test_the_nearest_within_reach_is_held(selective, exclusive):
 
     shared = taken_away = ties = 0
     for seed in range(4):
-        rng = np.random.default_rng(seed)
+        rng = seeds.rng(seed)
         qpos = np.array(start.data.qpos)
         for columns, height in ((agents.qpos_ids, 0.15), (ids, 0.25)):
             qpos[:, columns[:, :2]] = 3 + rng.uniform(-1.2, 1.2, (N_WORLDS, 4, 2))
@@ -140,7 +141,7 @@ def carrying(request):
     env.add_module(maax.Boxes(1, free=request.param))
     env = maax.GrabObjects(env, ["boxes"])
     reset = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))
-    start = [reset(jax.random.split(jax.random.key(0), 8), env.default_params.replace(n_seekers=n)) for n in (0, 1)]
+    start = [reset(jax.random.split(seeds.key(0), 8), env.default_params.replace(n_seekers=n)) for n in (0, 1)]
     return env, start, jax.jit(jax.vmap(env.base.engine.pose)), jax.jit(jax.vmap(env.step))
 
 
@@ -184,7 +185,7 @@ def test_what_is_held_follows(carrying):
     """Full forces along x and y that change every 20 steps, for 600 steps, against walls too."""
     state = gripping(carrying, 0.2)
     moves = np.zeros((600, 8, 2, 3))
-    moves[:, :, 0, :2] = np.random.default_rng(0).choice([-1.0, 1.0], (30, 8, 2)).repeat(20, axis=0)
+    moves[:, :, 0, :2] = seeds.rng(0).choice([-1.0, 1.0], (30, 8, 2)).repeat(20, axis=0)
     _, agents, box, held = run(carrying, state, moves, [1, 1])
     equal(held, np.broadcast_to([0, -1], held.shape))
     errors = relative(agents, box) - [0.45, -0.05, 0.0]
@@ -257,7 +258,7 @@ def game():
     env = maax.LockObjects(env, ["boxes"], "any", in_vision_only=True)
     env = maax.GrabObjects(env, ["boxes"], selective=True, in_vision_only=True)
     env = maax.PreparationPhase(env, PREP / 1000)
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), 32))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), 32))
     pose = jax.jit(jax.vmap(env.base.engine.pose))
 
     def place(states, agents, boxes):
@@ -291,7 +292,7 @@ def beside(*agents):
 def test_only_what_was_seen_after_the_step_before_is_held_and_locked(game):
     """Agents left of the first box facing anywhere; then turned, which they notice one step later."""
     _, start, place, step = game
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     yaw = np.linspace(-np.pi, np.pi, 32, endpoint=False) + 0.03
     agents, boxes = (np.array(x) for x in beside([1.55, 3.0, 0.0], [5.0, 4.5, 0.0], FAR))
     agents[:, 0, 2] = rng.permutation(yaw)
@@ -320,7 +321,7 @@ def test_a_locked_object_that_is_held_does_not_move(game):
     state = step(state, order(lock=1, grab=1))
     ids = env.base.modules["boxes"].qpos_ids[0]
     before, worst = np.asarray(state.data.qpos)[:, ids], np.zeros(2)
-    rng = np.random.default_rng(1)
+    rng = seeds.rng(1)
     move = np.zeros((32, 3, 3))
     move[:, :2] = rng.choice([-1.0, 1.0], (32, 1, 3)) * [1, 1, 0.2]
     for _ in range(200):

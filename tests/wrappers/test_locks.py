@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
@@ -101,7 +102,7 @@ def test_a_locked_object_is_held(method, free):
     """Under 200 N and 20 Nm for 1,000 steps, and without swinging; unlocked, it goes."""
     env, reset, step = jitted(method, free)
     params = env.default_params.replace(n_boxes=2, n_elongated_boxes=1)
-    state = step(reset(jax.random.key(0), params), action(np.ones((4, 3))))
+    state = step(reset(seeds.key(0), params), action(np.ones((4, 3))))
     ids = bodies(env)
     force = np.zeros(state.data.xfrc_applied.shape, np.float32)
     force[ids] = [0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]
@@ -136,7 +137,7 @@ def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
     """
     env, reset, step = jitted(method, free, outer)
     plain = jax.jit(env.env.step)
-    fresh = reset(jax.random.key(2), env.default_params.replace(n_boxes=2, n_elongated_boxes=1))
+    fresh = reset(seeds.key(2), env.default_params.replace(n_boxes=2, n_elongated_boxes=1))
     state = fresh
     for _ in range(5):
         state = step(state, action(np.ones((4, 3)), 0.5))
@@ -176,7 +177,7 @@ N_WORLDS, N_STEPS, REACH = 32, 40, 1.2
 def roaming():
     """States of up to 4 agents and 3 objects; they are the same of every lock type."""
     env, reset, _ = jitted()
-    keys = jax.random.split(jax.random.key(5), N_WORLDS)
+    keys = jax.random.split(seeds.key(5), N_WORLDS)
     return jax.tree.map(lambda *x: jnp.stack(x), *(reset(key, env.default_params) for key in keys))
 
 
@@ -190,7 +191,7 @@ def test_locks_over_time(lock_type, roaming):
     env = build(lock_type=lock_type, radius=REACH, n_frames=8)
     _ = env.base.model
     team = env.base.agents.team_index
-    rng = np.random.default_rng(3)
+    rng = seeds.rng(3)
     wants = (rng.random((N_STEPS // 2, N_WORLDS, 4, 3)) < 0.6).repeat(2, axis=0)
     moves = rng.choice([-1.0, 0.0, 1.0], (N_STEPS // 5, N_WORLDS, 4, 3)).repeat(5, axis=0) * [1, 1, 0.1]
 
@@ -249,7 +250,7 @@ def test_locks_over_time(lock_type, roaming):
 
 def test_the_file_of_a_locked_world_moves_as_it_does(locking):
     env, reset, step = locking
-    state = step(reset(jax.random.key(2)), action(np.ones((4, 3))))
+    state = step(reset(seeds.key(2)), action(np.ones((4, 3))))
     model, data = in_plain_mujoco(env, state)
     assert data.eq_active.sum() == 4 * int(np.asarray(state.obs["obj_lock"]).sum()) > 0
     for _ in range(50):
@@ -265,9 +266,9 @@ def test_only_what_is_near_and_present_is_locked(locking):
     agents, box = env.base.agents, env.base.modules["boxes"]
     seen = []
     for seed in range(40):
-        start = reset(jax.random.key(seed))
+        start = reset(seeds.key(seed))
         extents = np.asarray(box.extents_of(start.world))[0]
-        gap = np.random.default_rng(seed).uniform(0.16, 0.35)
+        gap = seeds.rng(seed).uniform(0.16, 0.35)
         centre = np.asarray(start.data.qpos)[box.qpos_ids[0]]
         at = centre[:2] + np.array([extents[0] / 2 + gap, 0])
         qpos = start.data.qpos.at[agents.qpos_ids[0, :2]].set(jnp.asarray(at))
@@ -289,7 +290,7 @@ def test_all_at_once_and_owners_are_drawn_among_those_who_want(locking):
     env = build(per_object=False, lock_type="any")
     worlds = maax.Worlds(env, 400)
     params = env.default_params.replace(n_seekers=2)
-    states = worlds.reset(jax.random.key(0), params)
+    states = worlds.reset(seeds.key(0), params)
     wants = jnp.tile(jnp.array([1, 0, 1, 1]), (400, 1))
     states = worlds.step(states, {"move": jnp.zeros((400, 4, 3)), "lock": wants})
     locks = states.mechanics["locks"]

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
@@ -26,7 +27,7 @@ def test_locks_and_holds(impl):
     env = maax.Lidar(maax.LineOfSight(maax.TeamMembership(env), objects=["boxes"]), 4)
     env = maax.GrabObjects(maax.LockObjects(env, ["boxes"]), ["boxes"])
     base = env.base
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     agent, box = base.agents.qpos_ids[0], base.modules["boxes"].qpos_ids[0]
     qpos = state.data.qpos.at[agent[:2]].set(jnp.array([2.5, 3.0])).at[box[:2]].set(jnp.array([2.93, 3.0]))
     state = state.replace(data=base.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
@@ -92,7 +93,7 @@ def test_a_locked_box_withstands_agents(pushed):
     env.add_module(maax.Boxes(1))
     env = maax.LockObjects(maax.TeamMembership(env), ["boxes"], radius=10.0)
     base = env.base
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     agents, box = base.agents.qpos_ids, base.modules["boxes"].qpos_ids[0]
     qpos = state.data.qpos.at[box[:2]].set(3.0)
     qpos = qpos.at[agents[:, :2]].set(jnp.array([[2.6, 2.8], [3.2, 2.6]]))

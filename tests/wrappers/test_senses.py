@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 
@@ -28,10 +29,10 @@ def env():
 @pytest.fixture(scope="module")
 def worlds(env):
     """Worlds on the way, with agents against walls and boxes: the states, and every one's model and data."""
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), N_WORLDS))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N_WORLDS))
     step = jax.jit(jax.vmap(env.step))
     for t in range(60):
-        move = np.random.default_rng(t // 20).choice([-1.0, 1.0], (N_WORLDS, 5, 3)).astype(np.float32)
+        move = seeds.rng(t // 20).choice([-1.0, 1.0], (N_WORLDS, 5, 3)).astype(np.float32)
         states = step(states, {"move": move * [1, 1, 0.1]})
     plain = []
     for i in range(N_WORLDS):
@@ -98,7 +99,7 @@ def test_frames_ranges_and_compression():
     env = maax.Base(1, impl="c")
     env.add_module(maax.WallScenarios("empty"))
     env.add_module(maax.Agents(1, maax.centre_placement))
-    state = jax.jit(env.reset)(jax.random.key(0))
+    state = jax.jit(env.reset)(seeds.key(0))
     agents = env.agents
     qpos = state.data.qpos.at[agents.qpos_ids[0]].set(jnp.array([2.0, 3.0, 0.15, 0.3]))
     state = state.replace(data=env.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 
@@ -38,14 +39,14 @@ def sensing():
 @pytest.fixture(scope="module")
 def start(sensing):
     """Worlds with agents around a box, close to each other."""
-    states = jax.jit(jax.vmap(sensing.reset))(jax.random.split(jax.random.key(0), N_WORLDS))
+    states = jax.jit(jax.vmap(sensing.reset))(jax.random.split(seeds.key(0), N_WORLDS))
     qpos = np.array(states.data.qpos)
     spots = {
         "agents": [[2.5, 2.5], [3.5, 3.5], [2.5, 3.5], [3.5, 2.5]],
         "boxes": [[3.0, 3.0], [4.2, 3.0]],
         "ramps": [[3.0, 3.8]],
     }
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     for name, xy in spots.items():
         module = sensing.base.modules[name]
         there = np.asarray(states.world.active[module.kind])
@@ -60,8 +61,8 @@ def start(sensing):
 def play(env):
     """The states of an episode under forces that change every 6 steps, locking the boxes at times, from reset on."""
     step = jax.jit(jax.vmap(env.step))
-    states = [jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))]
-    rng, moves = np.random.default_rng(1), []
+    states = [jax.jit(jax.vmap(env.reset))(jax.vmap(seeds.key)(jnp.arange(N_WORLDS)))]
+    rng, moves = seeds.rng(1), []
     for t in range(N_STEPS + 1):
         if t % 6 == 0:
             move = (rng.choice([-1.0, 0.0, 1.0], (N_WORLDS, 4, 3)) * [0.4, 0.4, 0.1]).astype(np.float32)
@@ -165,8 +166,8 @@ def test_stats_of_anything(prep_steps, sensing, start):
     """Of everything moving anywhere and back, absent things too, in contact and locked at random."""
     env = Given(sensing, start)
     env = maax.TrackStats(env if prep_steps is None else maax.PreparationPhase(env, PREP / HORIZON))
-    look, rng = jax.jit(jax.vmap(env.look)), np.random.default_rng(5)
-    state = jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))
+    look, rng = jax.jit(jax.vmap(env.look)), seeds.rng(5)
+    state = jax.jit(jax.vmap(env.reset))(jax.vmap(seeds.key)(jnp.arange(N_WORLDS)))
     there = {kind: np.asarray(x) for kind, x in start.world.active.items()}
     both = there["agent"][:, :, None] & there["agent"][:, None]
     lockable = np.concatenate([there["box"], there["ramp"]], axis=1)
@@ -209,7 +210,7 @@ def test_masked_actions_do_not_reach_the_world(sensing, blind, seeing, start):
 
 def test_mask_actions(sensing, start):
     """By what was seen, object by object, and by a function of the state, agent by agent."""
-    env, rng = Given(sensing, start), np.random.default_rng(2)
+    env, rng = Given(sensing, start), seeds.rng(2)
     seen = {"sees_boxes": rng.random((4, 2)) < 0.5, "sees_ramps": rng.random((4, 1)) < 0.5}
     state = jax.tree.map(lambda x: x[0], start)
     sight = state.mechanics["line_of_sight"] | seen
@@ -232,7 +233,7 @@ def test_mask_actions(sensing, start):
 def test_mask_unseen_action(sensing, start):
     """Every way in which 2 hiders and 2 seekers see each other; seekers that see seekers do not count."""
     state = jax.tree.map(lambda x: x[0], start)
-    rng = np.random.default_rng(3)
+    rng = seeds.rng(3)
     action = {"move": np.ones((4, 3), np.float32), "lock": np.ones((4, 3), np.int8)}
     envs = [maax.MaskUnseenAction(sensing, "lock"), maax.MaskUnseenAction(sensing, "lock", team=1)]
     for case in range(16):
@@ -259,7 +260,7 @@ def split(sensing):
 def told(split, start):
     """The split observations, with random masks of what is seen."""
     states = jax.jit(jax.vmap(split.look))(start)
-    rng = np.random.default_rng(4)
+    rng = seeds.rng(4)
     masks = {k: rng.random(states.obs[k].shape) < 0.5 for k in ("sees_agents", "sees_boxes", "sees_ramps")}
     return states.replace(obs=states.obs | masks)
 

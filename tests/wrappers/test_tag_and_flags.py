@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 
@@ -40,7 +41,7 @@ def played(game):
     """Reset and step of the game, one against one."""
     params = game.default_params.replace(n_hiders=1, n_seekers=1)
     reset, step = maax.jitted(game)
-    return reset(jax.random.key(0), params), step
+    return reset(seeds.key(0), params), step
 
 
 class Script(maax.Wrapper):
@@ -131,9 +132,9 @@ class TagOracle:
 def test_tag(immunity, touching, played):
     """Random touches between random players: who is it, whose turn is not yet back, what it costs, who is drawn."""
     env = maax.Tag(Script(touching, played[0]), immunity, SCALE)
-    starts = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(immunity), WORLDS))
+    starts = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(immunity), WORLDS))
     active = np.asarray(starts.world.active["agent"])
-    rng = np.random.default_rng(immunity)
+    rng = seeds.rng(immunity)
     mask = contacts(rng, active, 0.5)
     inner = rng.normal(size=(WORLDS, STEPS, N)).astype(np.float32)
     flags = np.zeros((WORLDS, STEPS), bool)
@@ -171,7 +172,7 @@ def test_tag(immunity, touching, played):
 def test_who_is_it_first(touching, played):
     """Drawn uniformly from the players; and a reset in the real world draws too."""
     env = maax.Tag(Script(touching, played[0]))
-    starts = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(9), 4000))
+    starts = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(9), 4000))
     active, it = np.asarray(starts.world.active["agent"]), np.asarray(starts.mechanics["tag"].it)
     for n in range(1, N + 1):
         of = active.sum(axis=1) == n
@@ -269,11 +270,11 @@ def walks(rng, base, floor):
 def test_capture_the_flag(touching, played):
     """Random positions and touches of random players, on floors of all sizes, either team's half below."""
     env = maax.CaptureTheFlag(Script(touching, played[0]), REACH, WINS, SCALE)
-    starts = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(1), WORLDS))
+    starts = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(1), WORLDS))
     active, base = np.asarray(starts.world.active["agent"]), np.asarray(starts.world.sites["flag"])
     floor = np.asarray(starts.world.plan.floor_size)
     assert 0.2 < (base[:, 0, 1] < base[:, 1, 1]).mean() < 0.8
-    rng = np.random.default_rng(1)
+    rng = seeds.rng(1)
     xy, mask = walks(rng, base, floor), contacts(rng, active, 0.12)
     inner = rng.normal(size=(WORLDS, STEPS, N)).astype(np.float32)
     end = rng.random((WORLDS, STEPS)) < 0.1
@@ -325,7 +326,7 @@ SITUATIONS = {
 def situations(touching, played):
     """A game with known bases, and its step without physics."""
     env = maax.CaptureTheFlag(Script(touching, played[0]), reach=0.5, wins_at=2)
-    state = env.reset(jax.random.key(0))
+    state = env.reset(seeds.key(0))
     world = state.world
     world = world.replace(
         active=world.active | {"agent": jnp.ones(N, bool)},

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 
@@ -30,7 +31,7 @@ def touching(base):
 
 @pytest.fixture(scope="module")
 def state(touching):
-    return jax.jit(touching.reset)(jax.random.key(0))
+    return jax.jit(touching.reset)(seeds.key(0))
 
 
 def place(env, state, xy, active, mask=None):
@@ -65,7 +66,7 @@ def test_rewards(rew_type, touching, state):
     """Every contact between every pair of teams that can be in play, unequal ones and empty ones too."""
     env = maax.HideAndSeekReward(touching, rew_type, scale=2.0)
     reward = jax.jit(lambda s: env.reward(s))
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     for active in itertools.product([False, True], repeat=5):
         for _ in range(20):
             mask = rng.random((5, 5)) < 0.3
@@ -79,7 +80,7 @@ def test_rewards(rew_type, touching, state):
 def test_rewards_by_vision(team, rew_type, base, state):
     """Who sees whom is one-sided: a hider in hiding may see its seeker. All see themselves, and some their own team."""
     env = maax.HideAndSeekReward(maax.LineOfSight(maax.TeamMembership(base, team)), rew_type, by="vision", scale=2.0)
-    rng = np.random.default_rng(0)
+    rng = seeds.rng(0)
     active = np.array(list(itertools.product([False, True], repeat=5))).repeat(20, axis=0)
     sees = (rng.random((len(active), 5, 5)) < 0.3) | np.eye(5, dtype=bool)
 
@@ -101,7 +102,7 @@ def test_contact_and_team_sizes(touching, state):
     look = jax.jit(lambda s: touching.look(s).obs["contact_mask"])
     sizes = jax.jit(lambda s: touching.env.observation(s)["team_size"])
     far = maax.AgentAgentContactMask2D(touching.env, distance=1.0)
-    rng = np.random.default_rng(1)
+    rng = seeds.rng(1)
     for _ in range(100):
         xy, active = rng.uniform(0, 0.9, (5, 2)), rng.random(5) < 0.7
         here = place(touching, state, xy, active)
@@ -118,7 +119,7 @@ def test_touching_agents_are_in_contact(touching):
     env = maax.Base(2, impl="c")
     env.add_module(maax.Agents({"hiders": 1, "seekers": 1}))
     env = maax.AgentAgentContactMask2D(maax.TeamMembership(env))
-    state, step = jax.jit(env.reset)(jax.random.key(0)), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(seeds.key(0)), jax.jit(env.step)
     xy = jnp.array([[2.0, 3.0], [4.0, 3.0]])
     state = state.replace(data=state.data.replace(qpos=state.data.qpos.at[env.base.agents.qpos_ids[:, :2]].set(xy)))
     seen = []
@@ -133,7 +134,7 @@ def test_preparation(touching):
     env = maax.PreparationPhase(maax.HideAndSeekReward(touching), PREP / HORIZON)
     assert env.n_steps == PREP
     params = env.default_params.replace(n_hiders=2, n_seekers=1)
-    state, step = jax.jit(env.reset)(jax.random.key(3), params), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(seeds.key(3), params), jax.jit(env.step)
     agents = env.base.agents
     active = np.asarray(state.world.active["agent"])
     equal(active, [True, True, False, True, False])
@@ -153,13 +154,13 @@ def test_preparation(touching):
 def test_a_phase_that_fills_the_episode_and_one_that_is_none(touching):
     assert maax.PreparationPhase(touching, 1).n_steps == HORIZON
     none = maax.PreparationPhase(touching, 0)
-    assert not none.reset(jax.random.key(0)).obs["prep_remaining"].any()
+    assert not none.reset(seeds.key(0)).obs["prep_remaining"].any()
 
 
 def test_rectangle(touching, state):
     env = maax.RestrictAgentsRect(touching, (1, 1, 5, 4), penalty=10, penalize_objects_out=True)
     box, ramp = (env.base.modules[name].qpos_ids[0, :2] for name in ("boxes", "ramps"))
-    rng = np.random.default_rng(2)
+    rng = seeds.rng(2)
     outs = []
     for _ in range(100):
         xy, active = rng.uniform(0, 6, (5, 2)), rng.random(5) < 0.7
@@ -190,10 +191,10 @@ def test_discrete_actions(touching):
     ):
         with pytest.raises(ValueError, match=message):
             env.action(None, {"move": wrong})
-    sample = jax.jit(env.sample_action)(jax.random.key(0))["move"]
+    sample = jax.jit(env.sample_action)(seeds.key(0))["move"]
     assert env.action_space.contains({"move": np.asarray(sample)})
     assert sample.dtype == jnp.int32
-    state = jax.jit(env.step)(env.reset(jax.random.key(0)), {"move": sample})
+    state = jax.jit(env.step)(env.reset(seeds.key(0)), {"move": sample})
     assert jnp.isfinite(state.data.qpos).all()
 
 
@@ -201,7 +202,7 @@ def test_split_spoof_join_flatten(touching):
     """Every array of the split observations, against the circulant order written out."""
     own = ["agent_pos", "agent_angle"]
     split = maax.SplitObservations(touching, own, ["contact_mask"], ["team_size"])
-    raw, state = touching.reset(jax.random.key(5)), split.reset(jax.random.key(5))
+    raw, state = touching.reset(seeds.key(5)), split.reset(seeds.key(5))
     obs = {k: np.asarray(v) for k, v in state.obs.items()}
     for i in range(5):
         others = [(i - 1 - j) % 5 for j in range(4)]
@@ -213,16 +214,16 @@ def test_split_spoof_join_flatten(touching):
         for key in ("box_obs", "box_mask", "ramp_obs", "ramp_mask", "agent_qpos_qvel"):
             equal(obs[key][i], raw.obs[key])
     spoofed = maax.SpoofEntities(split, 3, ["box_obs"], ["box_mask"])
-    padded = spoofed.reset(jax.random.key(5)).obs
+    padded = spoofed.reset(seeds.key(5)).obs
     equal(padded["box_obs"][:, :1], obs["box_obs"])
     assert padded["box_obs"].shape == (5, 3, 9)
     assert not padded["box_obs"][:, 1:].any()
     equal(padded["box_mask_spoof"], [[True, False, False]] * 5)
     joined = maax.ConcatenateObservations(spoofed, {"me": ["agent_pos_self", "agent_angle_self", "team_size"]})
-    equal(joined.reset(jax.random.key(5)).obs["me"][:, 3:4], obs["agent_angle_self"])
+    equal(joined.reset(seeds.key(5)).obs["me"][:, 3:4], obs["agent_angle_self"])
     chosen = maax.SelectObservations(joined, ["me", "box_obs"])
     flat = maax.FlattenObservations(chosen)
-    vector = flat.reset(jax.random.key(5)).obs["obs"]
+    vector = flat.reset(seeds.key(5)).obs["obs"]
     want = np.concatenate([np.asarray(padded["box_obs"]).reshape(5, -1), obs["agent_pos_self"]], axis=1)
     equal(vector[:, : want.shape[1]], want)
     assert flat.observation_space["obs"].shape == vector.shape == (5, 27 + 5)
@@ -231,7 +232,7 @@ def test_split_spoof_join_flatten(touching):
 def test_observations_are_of_the_state_after_the_step(touching):
     """MAax built them from the state before, and so froze them."""
     env = maax.FlattenObservations(maax.SplitObservations(touching, ["agent_pos"]))
-    state, step = jax.jit(env.reset)(jax.random.key(3)), jax.jit(env.step)
+    state, step = jax.jit(env.reset)(seeds.key(3)), jax.jit(env.step)
     assert state.world.active["agent"].any()
     columns = []
     for _ in range(3):
@@ -249,9 +250,9 @@ def test_a_full_stack_is_an_environment(touching):
     env = maax.PreparationPhase(maax.HideAndSeekReward(touching, "team_zero_sum"), 0.2)
     env = maax.FlattenObservations(maax.SplitObservations(maax.DiscretizeActions(env), ["agent_pos"]))
     worlds = maax.Worlds(env, 8)
-    states = worlds.reset(jax.random.key(0))
+    states = worlds.reset(seeds.key(0))
     for t in range(HORIZON):
-        states = worlds.step(states, worlds.sample_action(jax.random.key(t)))
+        states = worlds.step(states, worlds.sample_action(seeds.key(t)))
     assert states.truncated.all()
     active = np.asarray(states.episode_length) == HORIZON
     assert active.all()
@@ -316,7 +317,7 @@ def test_wrong_orders_and_arguments(call, message, touching):
 
 def test_ones_own_wrapper(touching):
     env = Halved(maax.HideAndSeekReward(touching))
-    state = env.reset(jax.random.key(3))
+    state = env.reset(seeds.key(3))
     active = np.asarray(state.world.active["agent"])
     state = env.step(state, {"move": jnp.zeros((5, 3))})
     equal(np.abs(state.reward), 0.5 * active)
