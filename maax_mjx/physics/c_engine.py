@@ -1,4 +1,4 @@
-"""impl="c": MuJoCo's C engine behind the same jitted, vmapped step, through one host callback."""
+"""The engine impl="c": MuJoCo's C engine behind the same jitted, vmapped step, through one host callback."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ ADVANCED = ("time", "qpos", "qvel", "qacc_warmstart")
 INPUTS = (*STATE, "eq_active")
 MAX_SIZES = 8
 WILD, WILD_MEAN = 40.0, 20.0
-"""Metres or radians per second at the end of a step, and in its mean, that hardly anything reaches but by a solver that
-went astray: agents reach 10 and 10."""
+"""Metres or radians per second at the end of a step, and in its mean, that hardly anything reaches unless a solver
+diverges: agents reach 10 and 10."""
 AGAIN = 8
 """Worlds that are stepped again together."""
 CG_ITERATIONS = 300
 THREADS_PER_DEVICE = 4
 Rows = dict[str, np.ndarray]
-"""By name, (n_worlds, size)."""
+"""Arrays (n_worlds, size) by name."""
 
 FULL_WARNINGS = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
 
@@ -44,7 +44,7 @@ class CEngine(Engine):
     field that it completes, so those may be changed freely.
 
     MuJoCo's Newton solver factorises once and then updates, and in a jam of many boxes with small frictions as Baker
-    et al. have them it can go astray, whatever its iterations: a body leaves at 1,000 rad/s. Worlds with wild speeds
+    et al. have them it can diverge, whatever its iterations: a body leaves at 1,000 rad/s. Worlds with wild speeds
     are stepped again by conjugate gradients, which find the right answer there.
     """
 
@@ -79,8 +79,8 @@ class CEngine(Engine):
     def carry(self, data: Data) -> jax.Array:
         return jnp.zeros(sum(getattr(data, name).size for name in ADVANCED))
 
-    def renew(self, carried: jax.Array, anew: jax.Array) -> jax.Array:
-        return jnp.where(anew, 0.0, carried)
+    def renew(self, carried: jax.Array, begins: jax.Array) -> jax.Array:
+        return jnp.where(begins, 0.0, carried)
 
     def exact(self, data: Data) -> dict[str, np.ndarray]:
         rest = np.split(

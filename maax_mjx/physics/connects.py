@@ -1,4 +1,4 @@
-"""What MJX leaves out of equalities that connect points of two bodies."""
+"""Velocity terms of connects between bodies, which MJX leaves out."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import mujoco
 import numpy as np
 from mujoco import mjx
 
+from maax_mjx.physics.mjx_internals import add_to_connects
+
 
 def with_velocity_terms(m: mjx.Model, d: mjx.Data) -> mjx.Data:
-    """The data with the connects' reference accelerations as MuJoCo has them.
+    """Returns the data with the connects' reference accelerations as MuJoCo has them.
 
     MuJoCo subtracts the relative acceleration that the two points would have if no joint accelerated: centripetal and
     Coriolis terms, the Jacobian's time derivative times the velocity. MJX does not. Connects of sites stay as MJX
@@ -37,14 +39,11 @@ def with_velocity_terms(m: mjx.Model, d: mjx.Data) -> mjx.Data:
     relative = accelerations(m.eq_obj1id[ids], m.eq_data[ids, :3]) - accelerations(
         m.eq_obj2id[ids], m.eq_data[ids, 3:6]
     )
-    # The first rows are those of the connects, three of each.
-    rows = 3 * np.nonzero(of_bodies)[0][:, None] + np.arange(3)
-    reference = d._impl.efc_aref.at[rows].add(-relative * d.eq_active[ids].astype(relative.dtype)[:, None])
-    return d.tree_replace({"_impl.efc_aref": reference})
+    return add_to_connects(d, np.nonzero(of_bodies)[0], -relative * d.eq_active[ids].astype(relative.dtype)[:, None])
 
 
 def _moved_by(m: mjx.Model) -> np.ndarray:
-    """(nbody, nv): whether a body is moved by a degree of freedom."""
+    """Tells whether a body is moved by a degree of freedom: (nbody, nv), 0 or 1."""
     moved = np.zeros((m.nbody, m.nv), np.float32)
     for body in range(1, m.nbody):
         moved[body] = moved[m.body_parentid[body]] + (m.dof_bodyid == body)

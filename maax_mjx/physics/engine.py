@@ -57,11 +57,11 @@ class Engine(ABC):
         return data.replace(engine=self.carry(data))
 
     def carry(self, data: Data) -> Any:
-        """What this engine carries for a world at its beginning; see `Data.engine`."""
+        """Returns what this engine carries for a world at its beginning; see `Data.engine`."""
         return ()
 
-    def renew(self, carried: Any, anew: jax.Array) -> Any:
-        """What the engine carries, for a world that begins `anew` () or goes on."""
+    def renew(self, carried: Any, begins: jax.Array) -> Any:
+        """Resets what the engine carries where `begins` () says that a world begins a new episode."""
         return carried
 
     def pose(self, fields: Fields, data: Data) -> Data:
@@ -87,7 +87,7 @@ class Engine(ABC):
 
     @abstractmethod
     def step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
-        """What `advance` does, uncompiled and without regard to derivatives."""
+        """Does what `advance` does, uncompiled and without regard to derivatives."""
 
     def _differentiable_step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         message = f"impl={self.impl!r} has no derivatives; make the environment with impl='jax'"

@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 
 Fields = dict[str, jax.Array]
-"""By model field, the values of the rows that an overlay names."""
+"""Values of the rows that an overlay names, by model field."""
 
 Overlay = dict[str, np.ndarray]
-"""By model field ("geom_size", "opt.gravity"), the (n,) indices of the rows in which worlds differ."""
+"""Indices (n,) of the rows in which worlds differ, by model field ("geom_size", "opt.gravity")."""
 
 
 def union(overlays: Iterable[Mapping[str, np.ndarray]]) -> Overlay:
-    """The rows of several overlays together, in order, each once."""
+    """Unites the rows of several overlays, in order, each once."""
     rows: dict[str, list[np.ndarray]] = {}
     for overlay in overlays:
         for name, ids in overlay.items():

@@ -11,11 +11,11 @@ from jax.flatten_util import ravel_pytree
 
 
 class NotDifferentiableError(RuntimeError):
-    """A derivative was asked for that an engine does not have; the message says of what, and what has it."""
+    """The error of a derivative that an engine does not have; the message says which, and what has it."""
 
 
 def not_differentiable(fn: Callable, message: str) -> Callable:
-    """`fn`, which raises `NotDifferentiableError(message)` where it is differentiated."""
+    """Makes `fn` raise `NotDifferentiableError(message)` where it is differentiated."""
     wrapped = jax.custom_jvp(fn)
 
     def jvp(primals: Any, tangents: Any) -> Any:
@@ -26,7 +26,7 @@ def not_differentiable(fn: Callable, message: str) -> Callable:
 
 
 def with_jacobian(fn: Callable, message: str) -> Callable:
-    """`fn(x, fixed) -> (y, rest)` whose tangent is J @ dx, with J = dy/dx computed forward.
+    """Gives `fn(x, fixed) -> (y, rest)` the tangent J @ dx, with J = dy/dx computed forward.
 
     MuJoCo's solvers iterate until they converge, through which JAX differentiates forward only. The tangent being
     linear in dx, reverse mode can transpose it; and J is computed once for all directions. Columns of J are left out

@@ -1,4 +1,4 @@
-"""impl="jax": MJX's JAX physics, with a faster solver. Any accelerator, differentiable, the reference."""
+"""The engine impl="jax": MJX's JAX physics, with a faster solver. Any accelerator, differentiable, the reference."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from maax_mjx.physics.data import Data
 from maax_mjx.physics.fields import Fields, Overlay
 from maax_mjx.physics.gradients import with_jacobian
 from maax_mjx.physics.mjx_engine import MjxEngine
+from maax_mjx.physics.mjx_internals import check_internals, contact_distances
 from maax_mjx.physics.mjx_model import state_of
 
 STARTS = ("qpos", "qvel", "ctrl", "xfrc_applied")
-"""What a step is differentiable in."""
+"""Fields of `Data` that a step is differentiable in."""
 
 NO_CYLINDERS = (int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH))
 """Kinds of geoms that MJX has no contacts of with a cylinder."""
@@ -37,11 +38,16 @@ class JaxEngine(MjxEngine):
         model: the compiled model; its numeric `max_contact_points` is how many contact points are kept.
         overlay: the rows in which worlds differ.
         contacts_per_world: that number.
+
+    Raises:
+        RuntimeError: the installed MJX is not one that `mjx_internals` knows.
+        ValueError: the model has cylinders that could touch boxes or meshes.
     """
 
     impl = "jax"
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int):
+        check_internals("jax")
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
         self._is_convex = newton.applies(model)
@@ -85,7 +91,7 @@ class JaxEngine(MjxEngine):
     def _frame(self, starts: dict[str, jax.Array], fixed: tuple[Fields, dict[str, jax.Array]]) -> tuple:
         fields, others = fixed
         d = self.mjx_step(self.mjx.overlay(fields), self.mjx.data(starts | others))
-        dist = d._impl.contact.dist
+        dist = contact_distances(d)
         # The deepest contacts are kept: some may be missing only if there is no room left and every kept one is active.
         overflow = jnp.all(dist < 0) if dist.size >= self.contacts_per_world else jnp.zeros((), bool)
         rest = {"time": d.time, "qacc_warmstart": d.qacc_warmstart}

@@ -43,7 +43,7 @@ class UprightKinematics:
 
     @staticmethod
     def applies(model: mujoco.MjModel, overlay: Overlay) -> bool:
-        """Whether every body of the model is upright in the sense of this module."""
+        """Tells whether every body of the model is upright in the sense of this module."""
         if model.nmocap or {"geom_quat", "body_pos", "body_quat", "qpos0"} & set(overlay):
             return False
         types, axes = CHAIN

@@ -1,4 +1,4 @@
-"""What the engines that step with MJX share."""
+"""Base of the engines that step with MJX."""
 
 from __future__ import annotations
 

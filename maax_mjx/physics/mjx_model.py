@@ -18,7 +18,7 @@ from maax_mjx.physics.kinematics import UprightKinematics
 
 
 def put_on_host(tree: Any) -> Any:
-    """Every array of a tree as a NumPy constant: tied to no device, so safe to close over in any program."""
+    """Makes every array of a tree a NumPy constant: tied to no device, so safe to close over in any program."""
     return jax.tree.map(np.asarray, tree)
 
 
@@ -38,7 +38,7 @@ def overlaid(model: mjx.Model, overlay: Overlay, fields: Fields) -> mjx.Model:
 
 
 def state_of(data: Data) -> dict[str, jax.Array]:
-    """What an mjx.Data is filled from."""
+    """Returns the fields of a state that an mjx.Data is filled from."""
     return {name: getattr(data, name) for name in INPUTS}
 
 

@@ -12,19 +12,20 @@ import numpy as np
 from mujoco import mjx
 
 from maax_mjx.physics.connects import with_velocity_terms
+from maax_mjx.physics.mjx_internals import constraint_rows
 
 POINTS = np.array([0, 1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 7 / 8, 1, 3 / 2, 2, 3, 4, 8, 16])
 """Step lengths that a line search looks at first."""
 PARTS = np.linspace(0, 1, 18)[1:-1]
-"""Of the interval that is left, where it looks next."""
+"""Parts of the interval that is left, where it looks next."""
 HALVINGS = 4
-"""How often a pass halves the interval, each halving being an iteration of a line search."""
+"""Halvings of the interval per pass, each an iteration of a line search."""
 MAX_PASSES = 3
-"""After which the interval is so short that hardly a row changes in it."""
+"""Passes after which the interval is so short that hardly a row changes in it."""
 
 
 class Point(NamedTuple):
-    """Where the solver is.
+    """The place that the solver has reached.
 
     Attributes:
         qacc: (nv,) acceleration.
@@ -52,7 +53,7 @@ class Progress(NamedTuple):
 
 
 def applies(model: mujoco.MjModel) -> bool:
-    """Whether `step` takes a model: Euler's method, and costs that pyramidal cones without friction loss have."""
+    """Tells whether `step` takes a model: Euler's method, and costs that pyramidal cones without friction loss have."""
     option = model.opt
     return (
         option.solver == mujoco.mjtSolver.mjSOL_NEWTON
@@ -63,12 +64,12 @@ def applies(model: mujoco.MjModel) -> bool:
 
 
 def step(m: mjx.Model, d: mjx.Data) -> mjx.Data:
-    """`mjx.step` without sensors, with `solve` for `mjx.solve`, and connects as MuJoCo has them."""
+    """Does what `mjx.step` does, without sensors, with `solve` for `mjx.solve`, and connects as MuJoCo has them."""
     stages = (mjx.fwd_position, mjx.fwd_velocity, with_velocity_terms, mjx.fwd_actuation, mjx.fwd_acceleration)
     for stage in stages:
         d = stage(m, d)
     with jax.named_scope("solve"):
-        d = solve(m, d) if d._impl.efc_J.size else d.replace(qacc=d.qacc_smooth)
+        d = solve(m, d) if constraint_rows(d).jacobian.size else d.replace(qacc=d.qacc_smooth)
     return mjx.euler(m, d)
 
 
@@ -86,9 +87,9 @@ def solve(m: mjx.Model, d: mjx.Data) -> mjx.Data:
     Returns:
         The data with `qacc` and `qfrc_constraint`.
     """
-    rows, inertia = d._impl.efc_J, mjx.full_m(m, d)
-    weight, reference = d._impl.efc_D, d._impl.efc_aref
-    always = np.arange(rows.shape[0]) < d._impl.ne
+    rows, weight, reference, n_equalities = constraint_rows(d)
+    inertia = mjx.full_m(m, d)
+    always = np.arange(rows.shape[0]) < n_equalities
     passes = int(np.clip(-(-m.opt.ls_iterations // HALVINGS), 1, MAX_PASSES))
     scale = 1 / jnp.maximum(jnp.trace(inertia), mujoco.mjMINVAL)
 

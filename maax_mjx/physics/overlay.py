@@ -85,13 +85,13 @@ def set_masses(
 
 
 def box_inertia(mass: jax.Array, extents: jax.Array) -> jax.Array:
-    """(n, 3) of solid boxes: mass (n,) in kg, extents (n, 3) in metres."""
+    """Inertia of solid boxes, (n, 3) in kg m^2, from their mass (n,) in kg and extents (n, 3) in metres."""
     squares = extents**2
     return mass[:, None] / 12 * (squares.sum(axis=1, keepdims=True) - squares)
 
 
 def cylinder_inertia(mass: jax.Array, extents: jax.Array) -> jax.Array:
-    """(n, 3) of solid upright cylinders: mass (n,) in kg, extents (n, 3) diameter, diameter and height in metres."""
+    """Inertia of solid upright cylinders, (n, 3) in kg m^2; extents (n, 3) are diameter, diameter, height in metres."""
     r2, h2 = extents[:, 0] ** 2 / 4, extents[:, 2] ** 2
     across = mass * (3 * r2 + h2) / 12
     return jnp.stack([across, across, mass * r2 / 2], axis=1)

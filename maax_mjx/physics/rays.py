@@ -45,7 +45,7 @@ class Rays:
     def cast(
         self, fields: Fields, data: Data, origin: jax.Array, direction: jax.Array, without: np.ndarray
     ) -> tuple[jax.Array, jax.Array]:
-        """The nearest hit of every ray.
+        """Finds the nearest hit of every ray.
 
         Args:
             fields: the world's overlaid fields.
@@ -56,7 +56,7 @@ class Rays:
 
         Returns:
             (n, m) distances in metres, infinite where nothing is hit; (n, m) int32 ids of the geoms that were hit, -1
-            for none. A ray that starts inside a geom hits it where it leaves it, as of `mj_ray`.
+            for none. A ray that starts inside a geom hits it where it leaves it, as in `mj_ray`.
         """
         size = jnp.asarray(self._size, origin.dtype)
         if self._size_rows.size:
@@ -77,7 +77,7 @@ class Rays:
     def _through(
         self, kind: int, ids: np.ndarray, size: jax.Array, data: Data, origin: jax.Array, direction: jax.Array
     ) -> Interval:
-        """(n, m, n_geoms) each: where rays enter and leave the geoms of one kind.
+        """Distances (n, m, n_geoms) where rays enter and leave the geoms of one kind.
 
         Vectors are taken apart into their components, so that the geoms' axis is the last, which vectorises.
         """
@@ -97,7 +97,7 @@ class Rays:
 
 
 Vector = Sequence[jax.Array]
-"""Three components."""
+"""Components of a vector along x, y and z."""
 
 
 def _dot(a: Vector, b: Vector | jax.Array) -> jax.Array:
@@ -132,7 +132,7 @@ def _cylinder(start: Vector, along: Vector, size: jax.Array) -> Interval:
 
 
 def _convex(start: Vector, along: Vector, planes: np.ndarray) -> Interval:
-    """`planes` (n_geoms, n_planes, 4): outward normals, and how far out the planes are."""
+    """Intersects rays with hulls; `planes` (n_geoms, n_planes, 4): outward normals, and how far out the planes are."""
     enter, leave = [], []
     for i in range(planes.shape[1]):
         normal, out = jnp.asarray(planes[:, i, :3].T), planes[:, i, 3]
@@ -145,7 +145,7 @@ def _convex(start: Vector, along: Vector, planes: np.ndarray) -> Interval:
 
 
 def _hull_planes(model: mujoco.MjModel, mesh: int) -> np.ndarray:
-    """(n_planes, 4) of a mesh's convex hull in its own frame, from the hull that MuJoCo's compiler made."""
+    """Planes (n_planes, 4) of a mesh's convex hull in its own frame, from the hull that MuJoCo's compiler made."""
     start = int(model.mesh_graphadr[mesh])
     n_verts, n_faces = model.mesh_graph[start : start + 2]
     # The hull's graph: its numbers, an edge address and an id of every vertex, the edges, and three ids a face.
@@ -160,7 +160,7 @@ def _hull_planes(model: mujoco.MjModel, mesh: int) -> np.ndarray:
 
 
 def _stacked(hulls: list[np.ndarray]) -> np.ndarray:
-    """(n_geoms, n_planes, 4): filled up with each hull's first plane."""
+    """Stacks hulls as (n_geoms, n_planes, 4), filled up with each hull's first plane."""
     most = max((len(planes) for planes in hulls), default=0)
     filled = [np.concatenate([planes, np.repeat(planes[:1], most - len(planes), axis=0)]) for planes in hulls]
     return np.stack(filled) if filled else np.zeros((0, 0, 4), np.float32)

@@ -1,4 +1,4 @@
-"""Which engine steps an environment."""
+"""Choice of the engine that steps an environment."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from maax_mjx.physics.fields import Overlay
 
 
 class MissingLibraryError(RuntimeError):
-    """An engine or a picture was asked for whose library is not installed; the message says what brings it."""
+    """The error of an engine or a picture whose library is not installed; the message says what brings it."""
 
 
 IMPLS = ("auto", "c", "jax", "warp")
@@ -39,12 +39,13 @@ def check_impl(impl: str) -> str:
 def make_engine(
     impl: str, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int
 ) -> Engine:
-    """The engine for `model`, with room for so many contacts of a world, and equalities active at once.
+    """Makes the engine for `model`, with room for so many contacts of a world, and equalities active at once.
 
     "auto" is `warp` on NVIDIA where it is installed, `jax` on other accelerators, and `c` where JAX has only a CPU.
 
     Raises:
         ValueError: `c` where JAX computes on an accelerator, whose memory its host code does not see.
+        RuntimeError: `jax` or `warp` where the installed MJX or Warp is not one that `mjx_internals` knows.
     """
     impl = check_impl(impl)
     if impl == "auto":
@@ -69,12 +70,12 @@ def make_engine(
 
 
 def warp_is_installed() -> bool:
-    """Whether the library of the warp engine can be imported; it is not."""
+    """Tells whether the library of the warp engine is installed, without importing it."""
     return find_spec("warp") is not None
 
 
 def best_impl() -> str:
-    """What "auto" is here."""
+    """Name of the engine that "auto" is on this machine."""
     if jax.default_backend() == "cpu":
         return "c"
     nvidia = "cuda" in jax.local_devices()[0].client.platform_version.lower()

@@ -1,4 +1,4 @@
-"""impl="warp": MJX-Warp, the fast engine on NVIDIA GPUs. It runs on a CPU too, slowly."""
+"""The engine impl="warp": MJX-Warp, the fast one on NVIDIA GPUs. It runs on a CPU too, slowly."""
 
 from __future__ import annotations
 
@@ -7,27 +7,30 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from mujoco import mjx
-from mujoco.mjx.third_party.mujoco_warp import OverflowType
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.fields import Fields, Overlay
 from maax_mjx.physics.mjx_engine import MjxEngine
+from maax_mjx.physics.mjx_internals import (
+    check_internals,
+    clear_overflow,
+    lost_contacts,
+    with_contact_room,
+    without_overflow_warnings,
+)
 from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of
 
-CONTACTS_LOST = int(
-    OverflowType.NEFC | OverflowType.NJMAX_NNZ | OverflowType.BROADPHASE | OverflowType.NARROWPHASE | OverflowType.CCD
-)
 ROWS_PER_CONTACT = 4
 ROWS_PER_EQUALITY = 6
 
 CONTACTS_PER_CONVEX_PAIR = 4
-"""How many contacts there is room for per pair of convex geoms. Warp takes 5 kB of scratch per pair, nearly all of its
+"""Contacts that there is room for per pair of convex geoms. Warp takes 5 kB of scratch per pair, nearly all of its
 memory, and uses it again for every kind of pair (box and box, box and ramp). A pair mostly has four contacts, and the
 floor, which has most of them, is no convex geom. In C MuJoCo under hostile play one world of M had 2 pairs of a kind at
 the same time, of room for 7, and one of `hide_and_seek_full` 6 of 22. What finds no room counts as contact overflow."""
 
 MIN_CONVEX_PAIRS = 64
-"""Where there are so few worlds that one cannot use the room of others, there is room for as many pairs as contacts."""
+"""Pairs of a batch that there is room for at least, if so many contacts: few worlds cannot use the room of others."""
 
 
 class WarpEngine(MjxEngine):
@@ -42,11 +45,15 @@ class WarpEngine(MjxEngine):
         contacts_per_world: contacts of a world that there is room for. Some may have more in the contact buffer, which
             all worlds of a device share, but not in the constraint rows.
         n_equalities: how many equalities can be active at once.
+
+    Raises:
+        RuntimeError: the installed MJX or Warp is not one that `mjx_internals` knows.
     """
 
     impl = "warp"
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int):
+        check_internals("warp")
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
         rows = ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * n_equalities + int(model.jnt_limited.sum())
@@ -57,7 +64,7 @@ class WarpEngine(MjxEngine):
             self._data = put_on_host(data)
         self._needs_velocities = bool(np.isin(model.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)).any())
         # Overflow would be printed from the device; `step` reports it.
-        self._model = self._model.tree_replace({"opt._impl.warn_overflow": 0})
+        self._model = without_overflow_warnings(self._model)
 
     def step(self, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         @jax.custom_batching.custom_vmap
@@ -85,17 +92,10 @@ class WarpEngine(MjxEngine):
 
     def mjx_data(self, data: Data, n_worlds: int) -> mjx.Data:
         size = n_worlds * self.contacts_per_world
-        template = jax.tree.map(jnp.asarray, self._data)
-        impl = template._impl
-        contacts = {
-            name: jnp.broadcast_to(getattr(impl, name)[:1], (size, *getattr(impl, name).shape[1:]))
-            for name in impl.__dataclass_fields__
-            if name.startswith("contact__") and np.size(getattr(impl, name))
-        }
         pairs = min(size, max(MIN_CONVEX_PAIRS, size // CONTACTS_PER_CONVEX_PAIR))
-        impl = impl.replace(naconmax=size, naccdmax=pairs, **contacts)
+        template = with_contact_room(jax.tree.map(jnp.asarray, self._data), size, pairs)
         # Poses of geoms on the world body are computed by make_data alone, where the overlay is not known yet.
-        return template.replace(_impl=impl, **state_of(data), geom_xpos=data.geom_xpos, geom_xmat=data.geom_xmat)
+        return template.replace(**state_of(data), geom_xpos=data.geom_xpos, geom_xmat=data.geom_xmat)
 
     def _frames(self, n_worlds: int, fields: Fields, data: Data, n_frames: int) -> tuple[Data, jax.Array]:
         model = self.mjx_model(fields)
@@ -104,12 +104,12 @@ class WarpEngine(MjxEngine):
             return data.replace(time=d.time, qpos=d.qpos, qvel=d.qvel, qacc_warmstart=d.qacc_warmstart)
 
         def frame(d: mjx.Data, _: None) -> tuple[mjx.Data, jax.Array]:
-            d = d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int)))
+            d = clear_overflow(d)
             if self._needs_velocities:
                 # Warp builds its constraints first: connects and welds would read the last step's velocities in space.
                 d = d.replace(**self.mjx.velocities(fields, state(d)))
             d = self.mjx_step(model, d)
-            return d, (d._impl.overflow & CONTACTS_LOST) != 0
+            return d, lost_contacts(d)
 
         # Warp keeps a graph, with the memory that it needs, for each of its calls in a program: a loop has one.
         start = self.mjx_data(data, n_worlds)

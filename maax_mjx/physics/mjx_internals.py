@@ -1,0 +1,216 @@
+"""Access to what MJX and its Warp engine keep private; nothing else in the package reads or writes it.
+
+MJX promises nothing about these parts, so they may change with any minor version. Each function says which version
+showed what it relies on, and `check_internals` refuses the versions that nobody has looked at.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from mujoco import mjx
+
+VERSIONS = {"mujoco-mjx": ("3.17", "3.18"), "warp-lang": ("1.18", "1.20")}
+"""Versions by package: the first minor one that fits, and the first that does not. `pyproject.toml` says the same."""
+
+PACKAGES = {"jax": ("mujoco-mjx",), "warp": ("mujoco-mjx", "warp-lang")}
+"""Packages whose internals an engine relies on."""
+
+LOST_CONTACTS = ("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD")
+"""Names of Warp's overflows by which contacts are left out."""
+
+READ = {
+    "jax": (
+        ("mujoco.mjx", "DataJAX", ("ne", "efc_J", "efc_D", "efc_aref", "contact")),
+        ("mujoco.mjx", "Contact", ("dist",)),
+        ("mujoco.mjx._src.constraint", "make_efc_type", ()),
+    ),
+    "warp": (
+        ("mujoco.mjx.warp.types", "DataWarp", ("naconmax", "naccdmax", "overflow", "contact__dist")),
+        ("mujoco.mjx.warp.types", "OptionWarp", ("warn_overflow",)),
+        ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", LOST_CONTACTS),
+    ),
+}
+"""Modules, names in them, and attributes of these, that the functions below read for an engine."""
+
+ROW_ORDER_XML = """
+<mujoco>
+  <worldbody>
+    <body name="a">
+      <joint name="j" type="slide" frictionloss="1" limited="true" range="0 1"/>
+      <geom size="1" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <equality><joint joint1="j"/><connect body1="a" anchor="0 0 0"/></equality>
+</mujoco>
+"""
+"""A model with four rows of equalities, and rows of other kinds."""
+
+
+@cache
+def check_internals(impl: str) -> None:
+    """Checks, once per process, that the installed packages have the internals that an engine relies on.
+
+    Takes some milliseconds: it compares versions, looks the names up, and has MJX lay out the constraint rows of a
+    small model on the host. Nothing is compiled and no device is touched.
+
+    Args:
+        impl: "jax" or "warp".
+
+    Raises:
+        RuntimeError: they are missing or another version; the message says what is installed and what fits.
+    """
+    for package in PACKAGES[impl]:
+        first, end = VERSIONS[package]
+        if not _minor(first) <= _minor(_installed(package)) < _minor(end):
+            raise _unknown_internals(package, _installed(package))
+    lacking = [*_missing(impl)]
+    if not lacking and impl == "jax" and not _equalities_come_first():
+        lacking = ["equalities as the first constraint rows"]
+    if lacking:
+        raise _unknown_internals("mujoco-mjx", f"{_installed('mujoco-mjx')} without {', '.join(lacking)}")
+
+
+def _unknown_internals(package: str, got: str) -> RuntimeError:
+    first, end = VERSIONS[package]
+    return RuntimeError(
+        f"{package}: got {got}; takes {first} or later, below {end}: maax_mjx reads MJX's internals, which may differ "
+        f"in others; pip install '{package}>={first},<{end}'"
+    )
+
+
+def _installed(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
+
+
+def _minor(number: str) -> tuple[int, ...]:
+    """The first two parts of a version; none where it has none."""
+    found = re.match(r"(\d+)\.(\d+)", number)
+    return tuple(int(part) for part in found.groups()) if found else ()
+
+
+def _missing(impl: str) -> Iterator[str]:
+    """Names that an engine reads and that are not there."""
+    for module, name, attributes in READ[impl]:
+        try:
+            owner = getattr(import_module(module), name)
+        except (ImportError, AttributeError):
+            yield f"{module}.{name}"
+            continue
+        known = {*dir(owner), *getattr(owner, "__dataclass_fields__", ())}
+        yield from (f"{name}.{attribute}" for attribute in attributes if attribute not in known)
+
+
+def _equalities_come_first() -> bool:
+    """Whether MJX lays equalities out as the first constraint rows, and a connect as three of them."""
+    from mujoco.mjx._src.constraint import make_efc_type
+
+    is_equality = make_efc_type(mujoco.MjModel.from_xml_string(ROW_ORDER_XML)) == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    return bool(is_equality[:4].all() and not is_equality[4:].any())
+
+
+class ConstraintRows(NamedTuple):
+    """The constraint rows of one world's data.
+
+    Attributes:
+        jacobian: (nefc, nv).
+        weight: (nefc,) constraint masses, D in MuJoCo's documentation.
+        reference: (nefc,) accelerations that the rows are drawn to.
+        n_equalities: number of the first rows that pull as well as push.
+    """
+
+    jacobian: jax.Array
+    weight: jax.Array
+    reference: jax.Array
+    n_equalities: int
+
+
+def constraint_rows(d: mjx.Data) -> ConstraintRows:
+    """Reads the constraint rows of MJX's JAX data, equalities first.
+
+    Fields `efc_J`, `efc_D`, `efc_aref` and `ne`, and the order of `make_constraint`, seen in MJX 3.17.0.
+    """
+    return ConstraintRows(d._impl.efc_J, d._impl.efc_D, d._impl.efc_aref, d._impl.ne)
+
+
+def add_to_connects(d: mjx.Data, connects: np.ndarray, accelerations: jax.Array) -> mjx.Data:
+    """Adds to the reference accelerations of connects in MJX's JAX data.
+
+    Field `efc_aref`, seen in MJX 3.17.0, where the first rows are those of the connects in the model's order, three of
+    each whether it is active or not.
+
+    Args:
+        d: the data, its rows made.
+        connects: (n,) indices among the model's connects.
+        accelerations: (n, 3) along the axes of the world.
+    """
+    rows = 3 * connects[:, None] + np.arange(3)
+    return d.tree_replace({"_impl.efc_aref": d._impl.efc_aref.at[rows].add(accelerations)})
+
+
+def contact_distances(d: mjx.Data) -> jax.Array:
+    """Reads the distances (n_contacts,) of the contact points that MJX's JAX data keeps, negative in contact.
+
+    Field `contact`, seen in MJX 3.17.0, of as many points as numeric `max_contact_points` at most, the deepest.
+    """
+    return d._impl.contact.dist
+
+
+def without_overflow_warnings(m: mjx.Model) -> mjx.Model:
+    """Keeps a model of Warp's from printing overflows from the device; `lost_contacts` reads them.
+
+    Option `warn_overflow`, seen in MJX 3.17.0.
+    """
+    return m.tree_replace({"opt._impl.warn_overflow": 0})
+
+
+def with_contact_room(d: mjx.Data, n_contacts: int, n_convex_pairs: int) -> mjx.Data:
+    """Gives one world's Warp data the contact buffer that all worlds of its batch share.
+
+    Fields `naconmax`, `naccdmax` and `contact__*`, seen in MJX 3.17.0; the arrays' first axis is that of contacts.
+
+    Args:
+        d: data of `mjx.make_data`, with room for at least one contact.
+        n_contacts: contacts of all worlds that there is room for.
+        n_convex_pairs: pairs of convex geoms that there is room for.
+    """
+    impl = d._impl
+    contacts = {
+        name: jnp.broadcast_to(getattr(impl, name)[:1], (n_contacts, *getattr(impl, name).shape[1:]))
+        for name in impl.__dataclass_fields__
+        if name.startswith("contact__") and np.size(getattr(impl, name))
+    }
+    return d.replace(_impl=impl.replace(naconmax=n_contacts, naccdmax=n_convex_pairs, **contacts))
+
+
+def clear_overflow(d: mjx.Data) -> mjx.Data:
+    """Resets the overflows that Warp's data counts; field `overflow`, seen in MJX 3.17.0."""
+    return d.replace(_impl=d._impl.replace(overflow=jnp.zeros((), int)))
+
+
+def lost_contacts(d: mjx.Data) -> jax.Array:
+    """Tells whether Warp left contacts out for want of room since `clear_overflow`: () bool.
+
+    Field `overflow`, bits of `OverflowType`, seen in MJX 3.17.0.
+    """
+    return (d._impl.overflow & _lost_contacts_bits()) != 0
+
+
+@cache
+def _lost_contacts_bits() -> int:
+    # Warp takes seconds to import, and the jax engine does without.
+    from mujoco.mjx.third_party.mujoco_warp import OverflowType
+
+    return sum(int(OverflowType[name]) for name in LOST_CONTACTS)
