@@ -19,6 +19,8 @@ import mujoco
 import numpy as np
 from mujoco import mjx
 
+from maax_mjx.common.errors import MissingLibraryError
+
 VERSIONS = {"mujoco-mjx": ("3.17", "3.18"), "warp-lang": ("1.18", "1.20")}
 """Versions by package: the first minor one that fits, and the first that does not. `pyproject.toml` says the same."""
 
@@ -67,7 +69,7 @@ def check_internals(impl: str) -> None:
         impl: "jax" or "warp".
 
     Raises:
-        RuntimeError: they are missing or another version; the message says what is installed and what fits.
+        MissingLibraryError: they are missing or another version; the message says what is installed and what fits.
     """
     for package in PACKAGES[impl]:
         first, end = VERSIONS[package]
@@ -80,9 +82,9 @@ def check_internals(impl: str) -> None:
         raise _unknown_internals("mujoco-mjx", f"{_installed('mujoco-mjx')} without {', '.join(lacking)}")
 
 
-def _unknown_internals(package: str, got: str) -> RuntimeError:
+def _unknown_internals(package: str, got: str) -> MissingLibraryError:
     first, end = VERSIONS[package]
-    return RuntimeError(
+    return MissingLibraryError(
         f"{package}: got {got}; takes {first} or later, below {end}: maax_mjx reads MJX's internals, which may differ "
         f"in others; pip install '{package}>={first},<{end}'"
     )

@@ -7,13 +7,10 @@ from importlib.util import find_spec
 import jax
 import mujoco
 
+from maax_mjx.common.errors import MissingLibraryError
 from maax_mjx.common.runtime import import_mjx
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.fields import Overlay
-
-
-class MissingLibraryError(RuntimeError):
-    """The error of an engine or a picture whose library is not installed; the message says what brings it."""
 
 
 IMPLS = ("auto", "c", "jax", "warp")

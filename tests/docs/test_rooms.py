@@ -30,8 +30,15 @@ def imports(path):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert not node.level, f"{path}: relative imports hide where they go"
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+            # `from room import file` imports the file, anything else what the module itself has.
+            inside = {f"{node.module}.{alias.name}" for alias in node.names}
+            files = {name for name in inside if is_file(name)}
+            found |= files if len(files) == len(inside) else files | {node.module}
     return {name for name in found if name == "maax_mjx" or name.startswith("maax_mjx.")}
+
+
+def is_file(module):
+    return (PACKAGE.parent / module.replace(".", "/")).with_suffix(".py").exists()
 
 
 def module_of(path):

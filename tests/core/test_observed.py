@@ -1,0 +1,209 @@
+"""Observations have axes: what is declared, who sees it, and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.seeds import key
+
+import maax_mjx as maax
+from maax_mjx import Column, Observed
+from maax_mjx.common.observed import POSITION, check_shapes, resolved
+
+equal = np.testing.assert_array_equal
+GAMES = [name for name in maax.tasks() if name != "standard"]
+
+
+class Fuel(maax.ObservationWrapper):
+    """A number that is each agent's own business; `table` is what it declares of it."""
+
+    def __init__(self, env, table=None, value=None):
+        super().__init__(env)
+        self.table, self.value = table, value
+
+    def observation(self, state):
+        fuel = 10.0 + jnp.arange(self.n_agents) if self.value is None else self.value
+        return state.obs | {"fuel": fuel}
+
+    def declared(self):
+        return self.env.declared() | ({} if self.table is None else {"fuel": self.table})
+
+
+def game(**fields):
+    return maax.make("hide_and_seek", impl="c", observations="raw", lock=None, **fields)
+
+
+# --- who sees what -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_private_number_reaches_its_agent_alone(flat):
+    """The leak that began it all: (n_agents,) went to everybody as (n_agents, n_agents)."""
+    env = maax.SplitObservations(Fuel(game(), Observed(("agent",))))
+    obs = env.reset(key(0)).obs
+    if not flat:
+        equal(obs["fuel"], [10, 11, 12, 13])
+        return
+    wide = maax.FlattenObservations(env)
+    rows = np.asarray(wide.reset(key(0)).obs["obs"])
+    for agent, row in enumerate(rows):
+        others = {10.0, 11.0, 12.0, 13.0} - {10.0 + agent}
+        assert 10.0 + agent in row
+        assert not others & set(row.tolist())
+
+
+def test_what_is_not_private_is_seen_of_others_in_circulant_order():
+    env = maax.SplitObservations(Fuel(game(), Observed(("agent",), private=False)))
+    obs = env.reset(key(0)).obs
+    equal(obs["fuel_self"], [10, 11, 12, 13])
+    equal(obs["fuel"], [[13, 12, 11], [10, 13, 12], [11, 10, 13], [12, 11, 10]])
+
+
+def test_flat_observations_hide_what_is_not_seen_and_name_their_columns():
+    split = maax.make("hide_and_seek_quadrant", impl="c", observations="split")
+    flat = maax.make("hide_and_seek_quadrant", impl="c", observations="flat")
+    seen, vector = split.reset(key(1)).obs, np.asarray(flat.reset(key(1)).obs["obs"])
+    names = flat.observed["obs"].names()
+    assert vector.shape == (4, len(names))
+    column = {name: i for i, name in enumerate(names)}
+    for i in range(2):
+        for axis, name in enumerate("xyz"):
+            shown = np.where(seen["sees_box"][:, i], seen["box_obs"][:, i, axis], 0.0)
+            equal(vector[:, column[f"box_obs[{i}] {name}"]], shown)
+    equal(vector[:, column["sees_agent[2]"]], seen["sees_agent"][:, 2])
+
+
+# --- the table -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("observations", ["raw", "split", "flat", "ego"])
+@pytest.mark.parametrize("name", GAMES)
+def test_everything_in_every_game_is_declared_and_has_its_shape(name, observations):
+    fields = {} if observations == "raw" else {"observe": "all"}
+    env = maax.make(name, impl="c", observations=observations, **fields)
+    space = env.observation_space.spaces
+    assert set(env.observed) >= set(space)
+    check_shapes(env.observed, {key: sub.shape for key, sub in space.items()}, "test")
+    text = str(env.describe())
+    assert all(name in text for name in space)
+    assert "undeclared" not in text
+
+
+def test_zoo_of_all_modules_is_declared():
+    from helpers.zoo import zoo_env
+
+    env = zoo_env()
+    shapes = {name: sub.shape for name, sub in env.observation_space.spaces.items()}
+    assert set(env.observed) == set(shapes)
+    check_shapes(env.observed, shapes, "test")
+
+
+def test_columns_say_what_stands_in_them():
+    """Against the physics itself: of every column that has a place in qpos or qvel."""
+    env = game(n_boxes=2, boxsize_obs=True)
+    state = env.reset(key(2))
+    data = state.data.replace(qvel=jax.random.normal(key(3), state.data.qvel.shape))
+    obs = env.base.module_observations(state.world, data)
+    boxes = env.base.modules["box"]
+    place, speed = data.qpos[boxes.qpos_ids], data.qvel[boxes.qvel_ids]
+    truth = dict(zip(("x", "y", "z"), place.T[:3], strict=True)) | dict(
+        zip(("vx", "vy", "vz", "spin"), speed.T, strict=True)
+    )
+    truth |= {"cos yaw": jnp.cos(place[:, 3]), "sin yaw": jnp.sin(place[:, 3]), "size x": jnp.full(2, 0.5)}
+    names = env.observed["box_obs"].names()
+    assert set(truth) < set(names)
+    for name, values in truth.items():
+        np.testing.assert_allclose(obs["box_obs"][:, names.index(name)], values, atol=1e-6)
+
+
+def test_masks_are_found_by_name():
+    table = resolved({"box_obs": Observed(("box",), POSITION), "box_mask": Observed(("box",)),
+                      "sees_box": Observed(("agent", "box"))})  # fmt: skip
+    assert (table["box_obs"].present, table["box_obs"].seen) == ("box_mask", "sees_box")
+    assert (table["sees_box"].present, table["sees_box"].seen) == (None, None)
+
+
+# --- what is refused -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wrapper", [maax.SplitObservations, lambda env: maax.FlattenObservations(env)])
+def test_an_undeclared_observation_is_refused_with_the_line_that_declares_it(wrapper):
+    env = Fuel(maax.SplitObservations(game())) if wrapper is not maax.SplitObservations else Fuel(game())
+    with pytest.raises(ValueError, match="'fuel' is observed and not declared") as error:
+        wrapper(env)
+    text = str(error.value)
+    assert "in Fuel: def declared(self): return self.env.declared() | " in text
+    line = text.partition("self.env.declared() | ")[2]
+    declared = eval(line, {"Observed": Observed, "Column": Column})
+    assert declared == {"fuel": Observed(("agent",))}
+
+
+def test_an_undeclared_module_is_named():
+    class Wind(maax.Module):
+        name = "wind"
+
+        def observation_step(self, world, data):
+            return {"wind": jnp.zeros(2)}
+
+    env = maax.make("standard", impl="c")
+    env.add_module(Wind())
+    with pytest.raises(ValueError, match="'wind' is observed and not declared; say whose it is, in Wind"):
+        maax.SplitObservations(env)
+    assert env.reset(key(0)).obs["wind"].shape == (2,)  # raw stays free of it
+
+
+@pytest.mark.parametrize(
+    ("table", "value", "says"),
+    [
+        (Observed(("agent",), (Column("a"), Column("b"))), jnp.zeros((4, 3)), "has 3 columns; declared are 2"),
+        (Observed(("agent", "box")), jnp.zeros(4), r"has shape \(4,\); declared are 2 axes"),
+        (Observed(("agent",)), jnp.zeros(5), "axis 'agent' has length"),
+    ],
+)
+def test_shapes_that_do_not_fit_are_refused(table, value, says):
+    with pytest.raises(ValueError, match=f"SplitObservations: .*{says}"):
+        maax.SplitObservations(Fuel(game(), table, value))
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Observed("agent"), "axes: got 'agent'; takes a tuple"),
+        (lambda: Observed(("agent",), ("x",)), "columns: got .* takes a tuple of Column"),
+        (lambda: Observed(("agent",), (Column("x"), Column("x"))), r"columns: got \['x'\] twice"),
+        (lambda: Column(""), "name: got ''"),
+        (lambda: Column("x", scale=0), "scale: got 0"),
+    ],
+)
+def test_wrong_declarations(make, says):
+    with pytest.raises(ValueError, match=says):
+        make()
+
+
+def test_two_modules_that_observe_one_name_are_refused():
+    class Again(maax.Module):
+        name = "again"
+
+        def observation_step(self, world, data):
+            return {"agent_pos": jnp.zeros(2)}
+
+    env = maax.make("standard", impl="c")
+    env.add_module(Again())
+    with pytest.raises(ValueError, match="'again' observes 'agent_pos', as another does"):
+        env.reset(key(0))
+
+
+# --- what is chosen, joined, padded ----------------------------------------------------------------------------------
+
+
+def test_tables_follow_selections_and_joins_and_padding():
+    split = maax.SplitObservations(game(n_boxes=2))
+    chosen = maax.SelectObservations(split, ["box_obs", "ramp_obs", "agent_qpos_qvel_self", "prep_remaining"])
+    assert set(chosen.observed) == {"box_obs", "ramp_obs", "agent_qpos_qvel_self", "prep_remaining"}
+    joined = maax.ConcatenateObservations(chosen, {"me": ["agent_qpos_qvel_self", "prep_remaining"]})
+    assert joined.observed["me"].names()[-1] == "preparation left"
+    padded = maax.SpoofEntities(maax.SplitObservations(game(n_boxes=2)), 5, ["box_obs"], ["box_mask"])
+    check_shapes(padded.observed, {k: s.shape for k, s in padded.observation_space.spaces.items()}, "test")
+    assert padded.observed["box_obs"].present == "box_mask"
+    flat = maax.FlattenObservations(padded)
+    assert len(flat.observed["obs"].columns) == flat.observation_space["obs"].shape[1]

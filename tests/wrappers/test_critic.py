@@ -1,0 +1,100 @@
+"""Critics: the policies' arrays under other masks, and what is for critics alone."""
+
+import jax
+import numpy as np
+import pytest
+from helpers.seeds import key
+
+import maax_mjx as maax
+
+equal = np.testing.assert_array_equal
+N = 32
+
+
+def observed(observations, observe):
+    env = maax.make("hide_and_seek_full", impl="c", observations=observations, observe=observe, n_boxes=(3, 5), n_elongated_boxes=(1, 3))
+    state = jax.device_get(jax.jit(jax.vmap(env.reset))(jax.random.split(key(0), N)))
+    return env, state
+
+
+@pytest.fixture(scope="module")
+def split():
+    return observed("split", "all")
+
+
+@pytest.fixture(scope="module")
+def team():
+    return observed("split", "team")
+
+
+def test_who_sees_whom_is_everybodys_matrix_in_each_ones_order(split):
+    _, state = split
+    sees = state.mechanics["line_of_sight"]["sees_agent"]
+    for i in range(4):
+        order = [(i - k) % 4 for k in range(4)]
+        equal(state.obs["who_sees_whom"][:, i], sees[:, order][:, :, order])
+
+
+def test_a_teams_critic_knows_what_any_of_the_team_sees(team):
+    _, state = team
+    masks = state.mechanics["line_of_sight"]
+    for mine, mates in ((0, [0, 1]), (1, [0, 1]), (2, [2, 3]), (3, [2, 3])):
+        order = [(mine - k) % 4 for k in range(4)]
+        equal(state.obs["team_sees_box"][:, mine], masks["sees_box"][:, mates].any(axis=1))
+        ours = masks["sees_agent"][:, mates].any(axis=1)
+        equal(state.obs["team_sees_agent"][:, mine], ours[:, order[1:]])
+        known = masks["sees_agent"].copy()
+        known[:, [i for i in range(4) if i not in mates]] = False
+        equal(state.obs["who_sees_whom"][:, mine], known[:, order][:, :, order])
+
+
+@pytest.mark.parametrize("observe", ["all", "team"])
+def test_flat_views_are_two_maskings_of_the_same_numbers(observe, request):
+    _, arrays = request.getfixturevalue("split" if observe == "all" else "team")
+    flat, state = observed("flat", observe)
+    policy, critic = state.obs["obs"], state.obs["critic"]
+    d = policy.shape[-1]
+    assert critic.shape[-1] == len(flat.observed["critic"].columns) > d
+    assert flat.observed["critic"].names()[:d] == flat.observed["obs"].names()
+    hidden = (policy == 0) & (critic[..., :d] != 0)
+    equal(policy[~hidden], critic[..., :d][~hidden])
+    assert hidden.any()
+    names = flat.observed["critic"].names()
+    for i in range(5):
+        shown = arrays.obs["team_sees_box"][:, :, i] if observe == "team" else arrays.obs["box_mask"][:, :, i]
+        x = names.index(f"box_obs[{i}] x")
+        equal(critic[..., x], np.where(shown, arrays.obs["box_obs"][:, :, i, 0], 0.0))
+    left = names.index("time_left time left")
+    assert left >= d
+    equal(critic[..., left], 1.0)
+
+
+def test_policies_do_not_get_what_is_for_critics(split):
+    env, _ = split
+    alone = {name for name, one in env.observed.items() if one.critic}
+    assert alone == {"time_left", "who_sees_whom"}
+    names = " ".join(maax.FlattenObservations(env).observed["obs"].names())
+    assert not any(name in names for name in alone)
+
+
+def test_time_runs_down():
+    env = maax.make("tag", impl="c", observations="split", observe="all", horizon=4)
+    state = env.reset(key(0))
+    step = jax.jit(env.step)
+    for left in (1.0, 0.75, 0.5, 0.25, 0.0):
+        equal(state.obs["time_left"], left)
+        state = step(state, {"move": np.zeros((4, 3), np.float32)})
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"observe": "team"}, "observe: got 'team' without LineOfSight"),
+        ({"observe": "all", "observations": "raw"}, "observe: got 'all' with observations='raw'"),
+        ({"observe": "everything"}, "observe: got 'everything'"),
+        ({"observations": "egocentric"}, "observations: got 'egocentric'"),
+    ],
+)
+def test_bad_input(fields, says):
+    with pytest.raises(ValueError, match=says):
+        maax.make("hide_and_seek", impl="c", **fields)
