@@ -1,1 +1,24 @@
-"""Timings, as ratios within one run; results as JSON."""
+"""Benchmarks: one module each, with a `COMMAND` that measures and writes JSON."""
+
+BENCHMARKS = (
+    "breakdown",
+    "devices",
+    "engines",
+    "fidelity",
+    "first_step",
+    "grabs",
+    "gradients",
+    "hostile",
+    "layouts",
+    "load",
+    "memory",
+    "objects",
+    "outer",
+    "plots",
+    "profile",
+    "sampling",
+    "scaling",
+    "soak",
+    "step",
+)
+"""Names of the modules that run as `maax-mjx bench NAME`; the others are what these share."""

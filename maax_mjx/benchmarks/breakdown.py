@@ -1,25 +1,24 @@
-"""Where an env step of a game spends its time, by part: `python -m maax_mjx.benchmarks.breakdown --help`.
+"""Time of an env step of a game, by part.
 
-From a profile of scanned env steps with staggered automatic resets, whose layers name their operations; see `traces`.
-Tracing costs time itself: `traced_over_step` compares that sum with the same steps timed without it.
+It is measured by a profile of scanned env steps with staggered automatic resets, whose layers name their operations;
+see `traces`. Tracing costs time itself: `traced_over_step` compares that sum with the same steps timed without it.
 """
 
 from __future__ import annotations
 
-import math
 import re
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import tyro
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import draw_actions, env_roll
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.benchmarks.stepping import draw_actions, env_roll
 from maax_mjx.benchmarks.traces import IDLE, attribute, shares_of, trace
 from maax_mjx.common.checks import check_count
 
@@ -37,11 +36,10 @@ PARTS = {
 }
 """The names of operations of every part. The rest is also what `Worlds` does, and what is copied from step to step."""
 PART_OF = {name: part for part, names in PARTS.items() for name in names}
-KEY = ("env", "impl", "worlds")
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -53,8 +51,6 @@ class Config:
             1,024 worlds, more rarely), so that this should be a multiple of it.
         horizon: env steps per episode.
         held: for how many steps a full-force action is held.
-        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
-        out: JSON file to write, which `python -m maax_mjx.benchmarks.plots` draws; nothing is written without one.
     """
 
     env: tuple[str, ...] = ("hide_and_seek", "hide_and_seek_full")
@@ -64,17 +60,28 @@ class Config:
     traced: int = 60
     horizon: int = 240
     held: int = 20
-    max_minutes: float = math.inf
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        check_count("traced", self.traced, minimum=1)
 
 
-@dataclass
-class Row:
-    """One game's step, times in microseconds per env step of all worlds.
+@dataclass(frozen=True)
+class Case:
+    """One game, by name, on one engine in one batch size."""
+
+    env: str
+    impl: str
+    worlds: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case, times in microseconds per env step of all worlds.
 
     Attributes:
-        env, impl, worlds, horizon, held: what ran.
         n_frames: physics steps per env step.
+        horizon, held: as the options had them.
         env_steps_per_s: all worlds added, without the profiler.
         step_us: of an env step, without the profiler.
         traced_us: of an env step under the profiler, from the first operation to the last.
@@ -87,9 +94,6 @@ class Row:
         compile_s: compilation of the step.
     """
 
-    env: str
-    impl: str
-    worlds: int
     n_frames: int
     horizon: int
     held: int
@@ -104,14 +108,20 @@ class Row:
     compile_s: float
 
 
-def measure(name: str, impl: str, n_worlds: int, config: Config) -> Row:
+def cases(config: Config) -> Iterator[Case]:
+    """All combinations."""
+    return (Case(*case) for case in product(config.env, config.impl, config.worlds))
+
+
+def measure(case: Case, config: Config) -> Row:
     """Times and traces a game's env steps."""
-    env = maax.make(name, impl=impl, horizon=config.horizon)
+    n_worlds = case.worlds
+    env = maax.make(case.env, impl=case.impl, horizon=config.horizon)
     worlds = maax.Worlds(env, n_worlds)
     states = worlds.reset(jax.random.key(0), stagger=True)
     actions = draw_actions(env, n_worlds, config.held)
     begun = time.perf_counter()
-    # One program for all turns, whose text tells what its operations are.
+    # One program for all turns, whose text says what its operations are.
     turn = jnp.arange(config.traced)
     program = jax.jit(env_roll(worlds), donate_argnums=0).lower(states, actions, turn, config.held).compile()
     compile_s = time.perf_counter() - begun
@@ -126,9 +136,7 @@ def measure(name: str, impl: str, n_worlds: int, config: Config) -> Row:
     traced_us = window / 1e3 / config.traced
     parts = {part: t / 1e3 / config.traced for part, t in spent.items()}
     return Row(
-        env=name,
-        impl=impl,
-        worlds=n_worlds,
+        **vars(case),
         n_frames=env.base.n_frames,
         horizon=config.horizon,
         held=config.held,
@@ -152,7 +160,7 @@ def part_of(source: str) -> str:
     return next((PART_OF[word] for word in reversed(words) if word in PART_OF), REST)
 
 
-def shown(row: Row) -> str:
+def line(row: Row) -> str:
     """A line about a row, the largest parts first."""
     parts = sorted(row.parts_us.items(), key=lambda item: -item[1])
     listed = ", ".join(f"{part} {us / row.traced_us:.1%}" for part, us in parts if us)
@@ -162,12 +170,7 @@ def shown(row: Row) -> str:
     )
 
 
-def main(config: Config) -> None:
-    """Profiles every game, prints a line and writes the JSON after each."""
-    check_count("traced", config.traced, minimum=1)
-    cases = product(config.env, config.impl, config.worlds)
-    record.sweep(config, Row, KEY, cases, lambda name, impl, n: measure(name, impl, n, config), shown)
-
+COMMAND = benchmark(Config, Row, cases, measure, line)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

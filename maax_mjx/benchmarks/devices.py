@@ -1,4 +1,4 @@
-"""How env steps grow with devices: `python -m maax_mjx.benchmarks.devices --help`.
+"""Growth of env steps with devices.
 
 Every device has as many worlds, with one device as with many, so that twice the devices make twice the steps at best.
 Rollouts are those of `Worlds.rollout`, under random actions redrawn every step.
@@ -6,7 +6,6 @@ Rollouts are those of `Worlds.rollout`, under random actions redrawn every step.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import subprocess
@@ -18,14 +17,16 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import jax
-import tyro
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.bench import Command, Options, command_line, fill
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.common.checks import check_count
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -37,9 +38,7 @@ class Config:
         processes: whether as many processes with a device each are timed too.
         steps: env steps of a rollout.
         rollouts: how many are timed, after one to warm up.
-        max_minutes: after so long no further row is begun; a later run with the same `out` goes on.
-        out: JSON file to write; rows that it has already are not measured again. Nothing is written without one.
-        rank, coordinator: of a process that this one starts.
+        rank, coordinator: given to the processes that this one starts.
     """
 
     env: str = "hide_and_seek"
@@ -50,10 +49,13 @@ class Config:
     processes: bool = True
     steps: int = 200
     rollouts: int = 5
-    max_minutes: float | None = None
-    out: Path | None = None
     rank: int | None = None
     coordinator: str | None = None
+
+    def check(self) -> None:
+        super().check()
+        for name in ("worlds", "steps", "rollouts"):
+            check_count(name, getattr(self, name), minimum=1)
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row(Case):
+class Row(Case, Measured):
     """A case, its env-steps per second of all worlds, and how many times those of one device that is."""
 
     steps: int
@@ -130,27 +132,36 @@ def measure_processes(case: Case, config: Config) -> Row:
         out = Path(folder) / "row.json"
         options: dict[str, Any] = {"env": case.env, "impl": case.impl, "worlds": case.worlds, "devices": case.devices}
         options |= {"steps": config.steps, "rollouts": config.rollouts, "out": out, "coordinator": coordinator}
-        command = [*record.command("devices", **options), "--no-processes"]
+        command = [*command_line("devices", **options), "--no-processes"]
         children = [
             subprocess.Popen([*command, "--rank", str(i)], env=os.environ | {"CUDA_VISIBLE_DEVICES": str(i)})
             for i in range(case.processes)
         ]
         if any([child.wait() for child in children]):
             raise RuntimeError(f"{case}: a process failed; its output is above")
-        return Row(**json.loads(out.read_text())["rows"][0])
+        return record.read_rows(out, Row)[0]
 
 
 def child(config: Config) -> None:
-    """What one of several processes does; the first of them writes the row."""
+    """Measures in one of several processes; the first of them writes the row."""
     n = config.devices[0]
     jax.distributed.initialize(config.coordinator, n, config.rank)
     row = measure(Case(config.env, config.impl[0], config.worlds, n, n, "shard_map"), config)
     if jax.process_index() == 0:
-        record.write(config.out, config, [row])
+        record.write(config.out, [row])
+
+
+def line(row: Row) -> str:
+    """A line about a row."""
+    return (
+        f"{row.env} {row.impl} {row.devices} device(s), {row.processes} process(es), {row.method}: "
+        f"{row.env_steps_per_s:,.0f} env-steps/s, {row.times_one} times one"
+    )
 
 
 def main(config: Config) -> None:
-    """Measures every case, prints it, and writes the JSON after each."""
+    """Measures every case that the file lacks, as far as there are devices."""
+    config.check()
     if config.rank is not None:
         return child(config)
     # This process keeps no memory from those that it starts on the same devices.
@@ -163,16 +174,10 @@ def main(config: Config) -> None:
         ones = [r.env_steps_per_s for r in (*rows, row) if r.devices == 1 and (r.env, r.impl) == (row.env, row.impl)]
         return replace(row, times_one=round(row.env_steps_per_s / ones[0], 3) if ones else None)
 
-    record.fill(config, rows, [case for case in cases(config) if case.devices <= present], measured, line)
+    fill(config, rows, [case for case in cases(config) if case.devices <= present], measured, line)
 
 
-def line(row: Row) -> str:
-    """A line about a row."""
-    return (
-        f"{row.env} {row.impl} {row.devices} device(s), {row.processes} process(es), {row.method}: "
-        f"{row.env_steps_per_s:,.0f} env-steps/s, {row.times_one} times one"
-    )
-
+COMMAND = Command(Config, main)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""Engines on one and the same MJCF file (thesis figure 6.4, table 6.1): `python -m maax_mjx.benchmarks.engines --help`.
+"""Steps per second of engines on one and the same MJCF file (thesis figure 6.4, table 6.1).
 
 The file is one exported world of M, loaded by plain MuJoCo: nothing of this package is in the way. All worlds of a
 batch start from it alike, and every world has forces of its own. `c` is plain MuJoCo on all cores, whatever JAX
@@ -12,7 +12,7 @@ from __future__ import annotations
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib.util import find_spec
 from itertools import product
@@ -22,12 +22,13 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-import tyro
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record, rollouts
+from maax_mjx.benchmarks.bench import Command, fill
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.rollouts import Figures, Protocol, Rolling
-from maax_mjx.benchmarks.step import Actions, at
+from maax_mjx.benchmarks.stepping import Actions, at
 from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.core.env import Base
 from maax_mjx.core.faults import find_fault
@@ -35,12 +36,13 @@ from maax_mjx.core.state import State
 
 ENGINES = ("warp", "jax", "c", "brax", "brax-approximate")
 LIBRARIES = {"warp": "warp", "brax": "brax", "brax-approximate": "brax"}
-"""What may be missing, by engine."""
+"""Libraries that may be missing, by engine."""
 MISSING = "not installed"
+"""Note of a row without figures, for which a later run tries again."""
 BRAX = {"brax": 0, "brax-approximate": 10}
 """Iterations of Brax's approximate inverse; 0 inverts exactly."""
 LIGHT = 1e-3
-"""Of the links that Brax needs besides, in kg and kg m^2; a thousandth of what hangs on them."""
+"""kg, and kg m^2, of the links that Brax needs besides; a thousandth of what hangs on them."""
 
 
 @dataclass
@@ -59,6 +61,13 @@ class Config(Protocol):
     iterations: tuple[int, ...] = (20, 5)
     held: tuple[int, ...] = (1, 20)
 
+    def check(self) -> None:
+        super().check()
+        for engine in self.engines:
+            check_choice("engines", engine, ENGINES)
+        for count in (*self.worlds, *self.iterations, *self.held):
+            check_count("worlds, iterations, held", count, minimum=1)
+
 
 @dataclass(frozen=True)
 class Case:
@@ -71,7 +80,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row(Figures, Case):
+class Row(Figures, Case, Measured):
     """A case and its figures."""
 
 
@@ -93,7 +102,7 @@ def exported() -> tuple[Base, State, str]:
 
 
 def make(case: Case) -> Rolling:
-    """The batch of a case, with a count of the worlds that went astray."""
+    """The batch of a case, with a count of the worlds that are faults at the end."""
     batch = _batch(case.engine, case.worlds, case.iterations)
     return replace(batch, counts=lambda state: {"faults": count_faults(batch.positions(state))})
 
@@ -115,12 +124,12 @@ def count_faults(positions: np.ndarray) -> int:
     ids = np.concatenate([m.qpos_ids[:, :3] for m in env.movables])
     is_agent = np.concatenate([np.full(m.n_max, m is env.agents) for m in env.movables])
 
-    def astray(qpos: jax.Array) -> jax.Array:
+    def is_fault(qpos: jax.Array) -> jax.Array:
         return find_fault(
             first.data.replace(qpos=qpos), first.world.plan, qpos[ids], jnp.ones(len(ids), bool), is_agent
         )
 
-    return int(jax.vmap(astray)(jnp.asarray(positions, jnp.float32)).sum())
+    return int(jax.vmap(is_fault)(jnp.asarray(positions, jnp.float32)).sum())
 
 
 def for_brax(xml: str) -> str:
@@ -167,24 +176,16 @@ def _brax(model: mujoco.MjModel, n_worlds: int, inverse_iterations: int) -> Roll
     return Rolling(begin, jax.jit(roll, donate_argnums=0), draw, lambda state: np.asarray(state.q))
 
 
-def main(config: Config) -> None:
-    """Measures what the file lacks, prints it, and writes the JSON after each row."""
-    config.check()
-    for engine in config.engines:
-        check_choice("engines", engine, ENGINES)
-    for count in (*config.worlds, *config.iterations, *config.held):
-        check_count("worlds, iterations, held", count, minimum=1)
-    rows = [row for row in record.resume(config.out, Row) if row.note != MISSING]
-    print("engine  worlds  iterations  held     T  rollouts   seconds       steps/s  compile s    NaN  faults  note")
+def measure(case: Case, config: Config) -> Row:
+    """Times rollouts of a case, if its library is installed."""
+    if case.engine in LIBRARIES and find_spec(LIBRARIES[case.engine]) is None:
+        figures = Figures(config.steps_of(case.worlds), 0, note=MISSING)
+    else:
+        figures = rollouts.measure(partial(make, case), case.worlds, config, case.held)
+    return Row(**vars(case), **vars(figures))
 
-    def measure(case: Case) -> Row:
-        if case.engine in LIBRARIES and find_spec(LIBRARIES[case.engine]) is None:
-            figures = Figures(config.steps_of(case.worlds), 0, note=MISSING)
-        else:
-            figures = rollouts.measure(partial(make, case), case.worlds, config, case.held)
-        return Row(**asdict(case), **asdict(figures))
 
-    record.fill(config, rows, cases(config), measure, line)
+HEADER = "engine  worlds  iterations  held     T  rollouts   seconds       steps/s  compile s    NaN  faults  note"
 
 
 def line(row: Row) -> str:
@@ -198,5 +199,14 @@ def line(row: Row) -> str:
     )
 
 
+def main(config: Config) -> None:
+    """Measures every case that the file lacks, or for which a library was missing."""
+    config.check()
+    rows = [row for row in record.resume(config.out, Row) if row.note != MISSING]
+    fill(config, rows, cases(config), lambda case: measure(case, config), line, HEADER)
+
+
+COMMAND = Command(Config, main)
+
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""How far engines are off a converged MuJoCo, by solver iterations: `python -m maax_mjx.benchmarks.fidelity --help`.
+"""Distance of engines from a converged MuJoCo, by solver iterations.
 
 The reference is C MuJoCo in float64, iterated until it converges, with the same time step, in the same worlds (M, every
 world in a layout of its own), from the same states, under the same full forces, held for 20 steps. Two errors are
@@ -10,22 +10,21 @@ moments all along the reference's run. What is measured is an environment's step
 from __future__ import annotations
 
 import copy
-import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-import tyro
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import DISTINCT, c_batch, draw_actions
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.benchmarks.stepping import DISTINCT, c_batch, draw_actions
 from maax_mjx.common.checks import check_count
 from maax_mjx.core.env import Base
 from maax_mjx.core.faults import AGENT_CEILING
@@ -38,11 +37,10 @@ QUANTILES = (0.5, 0.9, 0.99)
 REFERENCE_ITERATIONS, REFERENCE_LS_ITERATIONS = 200, 200
 TOLERANCE, LS_TOLERANCE = 1e-12, 1e-6
 STARTS = ("qpos", "qvel", "qacc_warmstart")
-KEY = ("impl", "iterations", "worlds", "steps")
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -51,8 +49,6 @@ class Config:
         worlds: how many, the same for every engine.
         steps: physics steps of the free run.
         every: steps of the reference's run from one single step to the next.
-        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
-        out: JSON file to write, which `python -m maax_mjx.benchmarks.plots` draws; nothing is written without one.
     """
 
     impl: tuple[str, ...] = ("c", "jax")
@@ -60,19 +56,33 @@ class Config:
     worlds: int = 64
     steps: int = 200
     every: int = 10
-    max_minutes: float = math.inf
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        for name in ("worlds", "steps", "every"):
+            check_count(name, getattr(self, name), minimum=1)
+        for impl in self.impl:
+            check_impl(impl)
 
 
-@dataclass
-class Row:
-    """One engine at so many solver iterations.
+@dataclass(frozen=True)
+class Case:
+    """One engine at so many solver iterations; `steps` is the length of the free run."""
 
-    Of every world the largest error of an agent's position counts, and of an object's, in metres; given are the median,
-    the 90 % and the 99 % over worlds, and for single steps over worlds and moments.
+    impl: str
+    iterations: int
+    worlds: int
+    steps: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case.
+
+    The largest error of an agent's position counts in every world, and that of an object's, in metres; a row has the
+    median, the 90 % and the 99 % over worlds, and for single steps over worlds and moments.
 
     Attributes:
-        impl, iterations, worlds, steps: what ran.
         singles: single steps, over all worlds and moments.
         free_agents_m, free_objects_m: at the end of the free run.
         single_agents_m, single_objects_m: after a single step from the reference's state.
@@ -84,10 +94,6 @@ class Row:
         compile_s: compilation of the step, with the first call.
     """
 
-    impl: str
-    iterations: int
-    worlds: int
-    steps: int
     singles: int
     free_agents_m: list[float]
     free_objects_m: list[float]
@@ -116,28 +122,30 @@ class Reference:
 
     Args:
         impl: the engine whose environment draws the worlds.
-        config: options.
+        n_worlds: how many.
+        n_steps: physics steps.
+        every: steps from one moment to the next.
     """
 
-    def __init__(self, impl: str, config: Config):
+    def __init__(self, impl: str, n_worlds: int, n_steps: int, every: int):
         self.env = make(impl, None)
-        keys = jax.random.split(jax.random.key(0), config.worlds)
+        keys = jax.random.split(jax.random.key(0), n_worlds)
         states: State = jax.jit(jax.vmap(self.env.reset))(keys)
         self.states = states.replace(data=states.data.replace(engine=()))
-        self.actions = draw_actions(self.env, config.worlds, HELD)["move"]
-        self._config = config
+        self.actions = draw_actions(self.env, n_worlds, HELD)["move"]
+        self.n_worlds, self.n_steps, self.every = n_worlds, n_steps, every
 
     @cached_property
     def run(self) -> tuple[list[Moment], np.ndarray, int]:
         """The moments, (n_worlds, nq) the positions at the end, and how many worlds ejected an agent."""
         model = converged(self.env.model)
         batch, probe = (c_batch(self.env, model, self.states) for _ in range(2))
-        controls = np.asarray(self.actions).reshape(DISTINCT, self._config.worlds, -1)
+        controls = np.asarray(self.actions).reshape(DISTINCT, self.n_worlds, -1)
         ids, heights = self.env.agents.ctrl_ids.reshape(-1), self.env.agents.qpos_ids[:, 2]
-        moments, ejected = [], np.zeros(self._config.worlds, bool)
-        for t in range(self._config.steps):
+        moments, ejected = [], np.zeros(self.n_worlds, bool)
+        for t in range(self.n_steps):
             batch.ctrl[:, ids] = controls[t // HELD % DISTINCT]
-            if t % self._config.every == 0:
+            if t % self.every == 0:
                 starts = {name: np.array(getattr(batch, name), np.float32) for name in STARTS}
                 for name, start in starts.items():
                     getattr(probe, name)[...] = start
@@ -147,6 +155,12 @@ class Reference:
             batch.step()
             ejected |= (batch.qpos[:, heights] > AGENT_CEILING).any(axis=1)
         return moments, np.array(batch.qpos), int(ejected.sum())
+
+
+@lru_cache(maxsize=1)
+def reference(impl: str, n_worlds: int, n_steps: int, every: int) -> Reference:
+    """The same for all engines of a run."""
+    return Reference(impl, n_worlds, n_steps, every)
 
 
 def make(impl: str, iterations: int | None) -> Base:
@@ -165,23 +179,29 @@ def converged(model: mujoco.MjModel) -> mujoco.MjModel:
     return model
 
 
-def measure(impl: str, iterations: int, reference: Reference, config: Config) -> Row:
+def cases(config: Config) -> Iterator[Case]:
+    """All combinations."""
+    return (Case(i, n, config.worlds, config.steps) for i, n in product(config.impl, config.iterations))
+
+
+def measure(case: Case, config: Config) -> Row:
     """Runs an engine freely and step by step beside the reference."""
-    env, states = make(impl, iterations), reference.states
-    moments, end, ejected = reference.run
+    truth = reference(config.impl[0], case.worlds, case.steps, config.every)
+    env, states = make(case.impl, case.iterations), truth.states
+    moments, end, ejected = truth.run
     engine = env.engine
     states = states.replace(data=states.data.replace(engine=jax.vmap(engine.carry)(states.data)))
     step = jax.jit(jax.vmap(env.step))
 
     def actions(t: int) -> dict[str, jax.Array]:
-        return {"move": reference.actions[t // HELD % DISTINCT]}
+        return {"move": truth.actions[t // HELD % DISTINCT]}
 
     begun = time.perf_counter()
     jax.block_until_ready(step(states, actions(0)))
     compile_s = time.perf_counter() - begun
-    run, faulty, full = states, *(jnp.zeros(config.worlds, bool) for _ in range(2))
+    run, faulty, full = states, *(jnp.zeros(case.worlds, bool) for _ in range(2))
     begun = time.perf_counter()
-    for t in range(config.steps):
+    for t in range(case.steps):
         run = step(run, actions(t))
         faulty |= run.metrics["physics_fault"]
         full |= run.metrics["contact_overflow"]
@@ -195,11 +215,8 @@ def measure(impl: str, iterations: int, reference: Reference, config: Config) ->
         singles.append(errors(states, env, stepped.data.qpos, moment.then))
     single = {name: np.concatenate([one[name] for one in singles]) for name in free}
     return Row(
-        impl=impl,
-        iterations=iterations,
-        worlds=config.worlds,
-        steps=config.steps,
-        singles=len(moments) * config.worlds,
+        **vars(case),
+        singles=len(moments) * case.worlds,
         free_agents_m=quantiles(free["agents"]),
         free_objects_m=quantiles(free["objects"]),
         single_agents_m=quantiles(single["agents"]),
@@ -207,7 +224,7 @@ def measure(impl: str, iterations: int, reference: Reference, config: Config) ->
         faulty_worlds=int(faulty.sum()),
         overflowed_worlds=int(full.sum()),
         reference_ejected=ejected,
-        env_steps_per_s=round(config.worlds * config.steps / spent),
+        env_steps_per_s=round(case.worlds * case.steps / spent),
         compile_s=round(compile_s, 1),
     )
 
@@ -229,7 +246,7 @@ def quantiles(values: np.ndarray) -> list[float]:
     return [float(f"{q:.4g}") for q in np.quantile(values, QUANTILES)]
 
 
-def shown(row: Row) -> str:
+def line(row: Row) -> str:
     """A line about a row."""
     free, single = (f"{m[0]:.1e} / {m[1]:.1e} / {m[2]:.1e}" for m in (row.free_agents_m, row.single_agents_m))
     return (
@@ -238,16 +255,7 @@ def shown(row: Row) -> str:
     )
 
 
-def main(config: Config) -> None:
-    """Measures every engine at every number of iterations, prints a line and writes the JSON after each."""
-    for name in ("worlds", "steps", "every"):
-        check_count(name, getattr(config, name), minimum=1)
-    for impl in config.impl:
-        check_impl(impl)
-    reference = Reference(config.impl[0], config)
-    cases = ((i, n, config.worlds, config.steps) for i, n in product(config.impl, config.iterations))
-    record.sweep(config, Row, KEY, cases, lambda impl, n, *_: measure(impl, n, reference, config), shown)
-
+COMMAND = benchmark(Config, Row, cases, measure, line)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

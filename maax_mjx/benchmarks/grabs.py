@@ -1,4 +1,4 @@
-"""How firmly an agent holds what it carries, by the way it is held: `python -m maax_mjx.benchmarks.grabs --help`.
+"""Firmness of an agent's hold on what it carries, by the way it holds.
 
 Plain MuJoCo on an exported world: an agent carries a box under full force through an arena of four walls. The project's
 own way (`GrabObjects`) is a connect to the box's centre and a joint equality of the two yaws. Beside it are a weld, the
@@ -12,16 +12,16 @@ import statistics
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cache
 
 import jax
 import mujoco
 import numpy as np
-import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.core.env import Base
 from maax_mjx.wrappers.equalities import add_equality
@@ -31,16 +31,12 @@ AGENT, BOX = "agent0", "box0"
 PLACE = np.array([0.45, -0.05])
 """Where the box is, in metres, as the agent sees it: 0.2 m from its centre to the box's face."""
 LOST = 0.5
-"""Metres off its place, of which a box is no longer held."""
+"""Metres off its place, from which on a box counts as lost."""
 CONNECT, WELD, SOFT_WELD, SPRING = "connect + yaw joint", "weld", "weld, MuJoCo's defaults", "spring-damper"
 
 
-Way = tuple[str, float | None, int | None]
-"""A method; of a spring-damper, its stiffness and for how many physics steps its force stays."""
-
-
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -51,7 +47,6 @@ class Config:
         frames: for how many physics steps a spring-damper's force stays as it is; a wrapper sets it once per env step,
             which has one physics step in `hide_and_seek`, and 15 in `hide_and_seek_full`.
         seed: of the forces.
-        out: JSON file to write; nothing is written without one.
     """
 
     steps: int = 20_000
@@ -60,29 +55,41 @@ class Config:
     damping: float = 15.0
     frames: tuple[int, ...] = (1, 15)
     seed: int = 0
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        check_count("steps", self.steps, minimum=1)
+        check_count("held", self.held, minimum=1)
+        check_positive("damping", self.damping)
+        for stiffness in self.stiffness:
+            check_positive("stiffness", stiffness)
+        for frames in self.frames:
+            check_count("frames", frames, minimum=1)
 
 
-@dataclass
-class Row:
-    """One way to hold.
+@dataclass(frozen=True)
+class Case:
+    """One way to hold; stiffness and frames are those of a spring-damper, in N/m and physics steps."""
+
+    method: str
+    stiffness: float | None
+    frames: int | None
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case.
 
     Attributes:
-        method: which.
-        stiffness: of a spring-damper, in N/m.
-        frames: for how many physics steps a spring-damper's force stays as it is.
         rows_per_pair: constraint rows of an agent that holds an object.
         median_mm: how far the box is from its place at the agent's side, over all steps; None where it was lost.
         p99_mm: the same, in one step of a hundred.
         p99_degrees: how far it is turned, in one step of a hundred.
         stable: whether it was never lost.
-        us_per_step: of `mj_step` alone, the median; what a spring-damper takes to compute its force is not in it.
+        us_per_step: median of `mj_step` alone; what a spring-damper takes to compute its force is not in it.
         steps: physics steps until it was lost, or all.
     """
 
-    method: str
-    stiffness: float | None
-    frames: int | None
     rows_per_pair: int
     median_mm: float | None
     p99_mm: float | None
@@ -105,7 +112,7 @@ class Carrier:
             default = mujoco.MjSpec().add_equality()
             spec.equality(WELD).solref, spec.equality(WELD).solimp = default.solref, default.solimp
         self.model = spec.compile()
-        # What went astray is to be seen.
+        # MuJoCo would put back a world that diverges, and so hide it.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
@@ -162,6 +169,7 @@ class Carrier:
         data.xfrc_applied[self.agent] = [*-force, *(-torque - np.cross(arm, force))]
 
 
+@cache
 def world() -> tuple[Base, str]:
     """An arena with an agent and a box, and its file."""
     env = maax.Base(1, impl="c")
@@ -171,19 +179,24 @@ def world() -> tuple[Base, str]:
     return env, maax.to_mjcf(env, jax.jit(env.reset)(jax.random.key(0)))
 
 
-def measure(env: Base, file: str, way: Way, config: Config) -> Row:
+def cases(config: Config) -> Iterator[Case]:
+    """All ways."""
+    yield from (Case(method, None, None) for method in (CONNECT, WELD, SOFT_WELD))
+    yield from (Case(SPRING, stiffness, frames) for frames in config.frames for stiffness in config.stiffness)
+
+
+def measure(case: Case, config: Config) -> Row:
     """Carries the box about, until it is lost."""
-    method, stiffness, frames = way
-    carrier = Carrier(env, file, method)
+    carrier = Carrier(*world(), case.method)
     model, data = carrier.model, carrier.data
     rows = int(data.ne)
     forces = np.random.default_rng(config.seed).choice([-1.0, 1.0], (-(-config.steps // config.held), 2))
     motors = [model.actuator(f"{AGENT}:{axis}").id for axis in "xy"]
     offsets, spent = [], []
-    for i in tqdm(range(config.steps), desc=method, unit="step", leave=False):
+    for i in tqdm(range(config.steps), desc=case.method, unit="step", leave=False):
         data.ctrl[motors] = forces[i // config.held]
-        if stiffness is not None and frames is not None and i % frames == 0:
-            carrier.pull(stiffness, config.damping)
+        if case.stiffness is not None and case.frames is not None and i % case.frames == 0:
+            carrier.pull(case.stiffness, config.damping)
         begun = time.perf_counter()
         mujoco.mj_step(model, data)
         spent.append(time.perf_counter() - begun)
@@ -194,9 +207,7 @@ def measure(env: Base, file: str, way: Way, config: Config) -> Row:
     stable = bool(offsets[-1][0] < LOST)
     away, turned = np.array(offsets).T
     return Row(
-        method=method,
-        stiffness=stiffness,
-        frames=frames,
+        **vars(case),
         rows_per_pair=rows,
         median_mm=round(float(np.median(away)) * 1e3, 1) if stable else None,
         p99_mm=round(float(np.quantile(away, 0.99)) * 1e3, 1) if stable else None,
@@ -207,35 +218,19 @@ def measure(env: Base, file: str, way: Way, config: Config) -> Row:
     )
 
 
-def ways(config: Config) -> Iterator[Way]:
-    """All of them."""
-    yield from ((method, None, None) for method in (CONNECT, WELD, SOFT_WELD))
-    yield from ((SPRING, stiffness, frames) for frames in config.frames for stiffness in config.stiffness)
+HEADER = "method                     N/m frames  rows  median mm   99 % mm  99 % deg  stable  us/step   steps"
 
 
-def main(config: Config) -> None:
-    """Carries the box by every method, prints a table and writes the JSON after each."""
-    check_count("steps", config.steps, minimum=1)
-    check_count("held", config.held, minimum=1)
-    check_positive("damping", config.damping)
-    for stiffness in config.stiffness:
-        check_positive("stiffness", stiffness)
-    for frames in config.frames:
-        check_count("frames", frames, minimum=1)
-    env, file = world()
-    rows: list[Row] = []
-    print("method                     N/m frames  rows  median mm   99 % mm  99 % deg  stable  us/step   steps")
-    for way in ways(config):
-        row = measure(env, file, way, config)
-        rows.append(row)
-        numbers = [f"{x:9.1f}" if x is not None else f"{'-':>9}" for x in (row.median_mm, row.p99_mm, row.p99_degrees)]
-        print(
-            f"{row.method:24} {row.stiffness or 0:5.0f} {row.frames or 0:6} {row.rows_per_pair:5} {' '.join(numbers)} "
-            f"{row.stable!s:>7} {row.us_per_step:8.2f} {row.steps:7}",
-            flush=True,
-        )
-        record.write(config.out, config, rows)
+def line(row: Row) -> str:
+    """A row of the table."""
+    numbers = [f"{x:9.1f}" if x is not None else f"{'-':>9}" for x in (row.median_mm, row.p99_mm, row.p99_degrees)]
+    return (
+        f"{row.method:24} {row.stiffness or 0:5.0f} {row.frames or 0:6} {row.rows_per_pair:5} {' '.join(numbers)} "
+        f"{row.stable!s:>7} {row.us_per_step:8.2f} {row.steps:7}"
+    )
 
+
+COMMAND = benchmark(Config, Row, cases, measure, line, HEADER)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

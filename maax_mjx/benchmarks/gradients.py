@@ -1,70 +1,94 @@
-"""What derivatives through env steps cost: `python -m maax_mjx.benchmarks.gradients --help`."""
+"""Cost of derivatives through env steps."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-import tyro
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.common.checks import check_count
+
+WAYS: dict[str, Callable[[Callable[..., Any]], Callable[..., Any]]] = {
+    "forward": lambda end: end,
+    "grad": jax.grad,
+    "jacfwd": jax.jacfwd,
+}
+"""From a function of the actions to what is timed: the function, its gradient, its Jacobian."""
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
         steps: env steps that are differentiated through.
         repeats: of the timing, of which the mean is reported.
-        out: JSON file to write; nothing is written without one.
     """
 
     steps: int = 20
     repeats: int = 10
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        check_count("steps", self.steps, minimum=1)
+        check_count("repeats", self.repeats, minimum=1)
 
 
-@dataclass
-class Row:
-    """One way through the steps of one world of M: milliseconds, and seconds to compile."""
+@dataclass(frozen=True)
+class Case:
+    """One of `WAYS`, through so many steps of one world of M."""
 
     what: str
     steps: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case: milliseconds of a call, and seconds to compile."""
+
     ms: float
     compile_s: float
 
 
-def main(config: Config) -> None:
-    """Times the position that actions lead to, its gradient and its Jacobian with respect to them."""
+def cases(config: Config) -> Iterator[Case]:
+    """All ways."""
+    return (Case(what, config.steps) for what in WAYS)
+
+
+def measure(case: Case, config: Config) -> Row:
+    """Times the position that actions lead to, or its derivative with respect to them."""
     env = maax.make("standard", impl="jax")
     state = jax.jit(env.reset)(jax.random.key(0))
-    actions = jnp.full((config.steps, 4, 3), 0.5)
+    actions = jnp.full((case.steps, 4, 3), 0.5)
 
     def end(actions: jax.Array) -> jax.Array:
         last, _ = jax.lax.scan(lambda s, move: (env.step(s, {"move": move}), None), state, actions)
         return last.obs["agent_pos"][0, 0]
 
-    ways: dict[str, Callable] = {"forward": end, "grad": jax.grad(end), "jacfwd": jax.jacfwd(end)}
-    rows = []
-    for what, way in ways.items():
-        fast = jax.jit(way)
-        begun = time.perf_counter()
+    fast = jax.jit(WAYS[case.what](end))
+    begun = time.perf_counter()
+    jax.block_until_ready(fast(actions))
+    compile_s = time.perf_counter() - begun
+    begun = time.perf_counter()
+    for _ in range(config.repeats):
         jax.block_until_ready(fast(actions))
-        compile_s = time.perf_counter() - begun
-        begun = time.perf_counter()
-        for _ in range(config.repeats):
-            jax.block_until_ready(fast(actions))
-        ms = (time.perf_counter() - begun) / config.repeats * 1e3
-        rows.append(Row(what, config.steps, round(ms, 1), round(compile_s, 1)))
-        print(rows[-1], flush=True)
-        record.write(config.out, config, rows)
+    ms = (time.perf_counter() - begun) / config.repeats * 1e3
+    return Row(**vars(case), ms=round(ms, 1), compile_s=round(compile_s, 1))
 
+
+def line(row: Row) -> str:
+    """A line about a row."""
+    return f"{row.what}: {row.ms} ms through {row.steps} steps, compiled in {row.compile_s} s"
+
+
+COMMAND = benchmark(Config, Row, cases, measure, line)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""Full force, held, against the physics: `python -m maax_mjx.benchmarks.hostile --help`.
+"""Faults of the physics under full forces that are held.
 
 Bang-bang actions held for 1 to 1,000 steps push everything into walls and corners, where solvers fail. Random actions
 redrawn every step average to no force and hide it.
@@ -7,21 +7,23 @@ redrawn every step average to no force and hide it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache
+from itertools import product
 
 import jax
 import jax.numpy as jnp
-import tyro
 from flax import struct
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.parallel import WorldsState
 
 CHUNK = 50
+"""Env steps of a call; rollouts are whole calls."""
 
 
 class Seen(struct.PyTreeNode):
@@ -72,7 +74,7 @@ def player(worlds: maax.Worlds) -> Callable[[WorldsState, Seen, jax.Array, int],
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -81,8 +83,7 @@ class Config:
         steps: env steps of every rollout.
         held: for how many steps an action is held.
         gravity: m/s^2.
-        contacts_per_world: room for contact points; as many as the environment takes by itself if left out.
-        out: JSON file to write; nothing is written without one.
+        contacts_per_world: room for contact points; the environment's own choice if left out.
     """
 
     impl: tuple[str, ...] = ("c",)
@@ -91,18 +92,35 @@ class Config:
     held: tuple[int, ...] = (1, 20, 100, 1000)
     gravity: tuple[float, ...] = (-9.81, -50.0)
     contacts_per_world: int | None = None
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        if self.steps < CHUNK or self.steps % CHUNK:
+            raise ValueError(f"steps: got {self.steps}; takes a multiple of {CHUNK}")
 
 
-@dataclass
-class Row:
-    """One rollout; counts are over all worlds and steps."""
+@dataclass(frozen=True)
+class Case:
+    """One rollout; gravity in m/s^2."""
 
     impl: str
     worlds: int
     steps: int
     held: int
     gravity: float
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case; counts are over all worlds and steps.
+
+    Attributes:
+        contacts_per_world: room for contact points.
+        finite, inside, faults_truncate: as in `Seen`.
+        physics_faults, contact_overflows, layouts_invalid: counts.
+        env_steps_per_s: all worlds added.
+    """
+
     contacts_per_world: int
     finite: bool
     inside: bool
@@ -113,47 +131,56 @@ class Row:
     env_steps_per_s: float
 
 
-def main(config: Config) -> None:
-    """Plays every combination, prints what was seen, and writes the JSON after each."""
-    if config.steps < CHUNK or config.steps % CHUNK:
-        raise ValueError(f"steps: got {config.steps}; takes a multiple of {CHUNK}")
-    rows: list[Row] = []
-    for impl in config.impl:
-        for gravity in config.gravity:
-            params = maax.WorldParams(gravity=gravity)
-            env = maax.make(
-                "standard", impl=impl, world_params=params, contacts_per_world=config.contacts_per_world
-            ).base
-            worlds = maax.Worlds(env, config.worlds)
-            play = player(worlds)
-            chunks = jnp.arange(config.steps).reshape(-1, CHUNK)
-            jax.block_until_ready(play(worlds.reset(jax.random.key(0)), Seen.nothing(), chunks[0], 1))
-            for held in config.held:
-                states, seen = worlds.reset(jax.random.key(0)), Seen.nothing()
-                begun = time.perf_counter()
-                for steps in tqdm(chunks, desc=f"{impl} g {gravity} held {held}", unit=f"{CHUNK} steps", leave=False):
-                    states, seen = jax.block_until_ready(play(states, seen, steps, held))
-                rate = config.worlds * chunks.size / (time.perf_counter() - begun)
-                counts = states.totals()
-                row = Row(
-                    impl=impl,
-                    worlds=config.worlds,
-                    steps=chunks.size,
-                    held=held,
-                    gravity=gravity,
-                    contacts_per_world=env.contacts_per_world,
-                    finite=bool(seen.finite),
-                    inside=bool(seen.inside),
-                    faults_truncate=bool(seen.truncating),
-                    physics_faults=counts["physics_fault"],
-                    contact_overflows=counts["contact_overflow"],
-                    layouts_invalid=counts["layout_invalid"],
-                    env_steps_per_s=round(rate),
-                )
-                rows.append(row)
-                print(row, flush=True)
-                record.write(config.out, config, rows)
+def cases(config: Config) -> Iterator[Case]:
+    """Rollouts of one world follow one another, since they compile once."""
+    for impl, gravity, held in product(config.impl, config.gravity, config.held):
+        yield Case(impl, config.worlds, config.steps, held, gravity)
 
+
+@lru_cache(maxsize=1)
+def compiled(impl: str, n_worlds: int, gravity: float, contacts_per_world: int | None) -> tuple[maax.Worlds, Callable]:
+    """A batch of M, and its rollout, compiled."""
+    params = maax.WorldParams(gravity=gravity)
+    env = maax.make("standard", impl=impl, world_params=params, contacts_per_world=contacts_per_world).base
+    worlds = maax.Worlds(env, n_worlds)
+    play = player(worlds)
+    jax.block_until_ready(play(worlds.reset(jax.random.key(0)), Seen.nothing(), jnp.arange(CHUNK), 1))
+    return worlds, play
+
+
+def measure(case: Case, config: Config) -> Row:
+    """Plays a case, and looks at every step."""
+    worlds, play = compiled(case.impl, case.worlds, case.gravity, config.contacts_per_world)
+    states, seen = worlds.reset(jax.random.key(0)), Seen.nothing()
+    named = f"{case.impl} g {case.gravity} held {case.held}"
+    begun = time.perf_counter()
+    for steps in tqdm(jnp.arange(case.steps).reshape(-1, CHUNK), desc=named, unit=f"{CHUNK} steps", leave=False):
+        states, seen = jax.block_until_ready(play(states, seen, steps, case.held))
+    rate = case.worlds * case.steps / (time.perf_counter() - begun)
+    counts = states.totals()
+    return Row(
+        **vars(case),
+        contacts_per_world=worlds.env.base.contacts_per_world,
+        finite=bool(seen.finite),
+        inside=bool(seen.inside),
+        faults_truncate=bool(seen.truncating),
+        physics_faults=counts["physics_fault"],
+        contact_overflows=counts["contact_overflow"],
+        layouts_invalid=counts["layout_invalid"],
+        env_steps_per_s=round(rate),
+    )
+
+
+def line(row: Row) -> str:
+    """A line about a row."""
+    return (
+        f"{row.impl} {row.worlds:,} worlds, gravity {row.gravity}, held {row.held}: finite {row.finite}, inside "
+        f"{row.inside}, faults truncate {row.faults_truncate}; {row.physics_faults} faults, {row.contact_overflows} "
+        f"overflows, {row.layouts_invalid} invalid layouts; {row.env_steps_per_s:,.0f} env-steps/s"
+    )
+
+
+COMMAND = benchmark(Config, Row, cases, measure, line)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""What new layouts for a whole batch cost, in physics steps of it: `python -m maax_mjx.benchmarks.layouts --help`.
+"""Cost of new layouts for a whole batch, in physics steps of that batch.
 
 Both are timed in turns within one run. A reset is `jax.jit(jax.vmap(env.reset))` with a range of parameters for every
 world, as `Worlds` resets: layouts, overlay, poses and first observations. A physics step is `env.engine.advance` of one
@@ -12,17 +12,17 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import product
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import Actions, at, bare_roll, draw_actions
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.benchmarks.stepping import Actions, at, bare_roll, draw_actions
 from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.core.env import Base
 from maax_mjx.core.state import State
@@ -37,7 +37,7 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -49,7 +49,6 @@ class Config:
         steps: physics steps per round.
         bare: whether to time steps of the engine alone as well, as `benchmarks/step.py` does: `mujoco.batch.Batch.step`
             for `c`, a scanned engine step that carries its mjx.Data for `jax` and `warp`.
-        out: JSON file to write; nothing is written without one.
     """
 
     impl: tuple[str, ...] = ("c",)
@@ -58,30 +57,39 @@ class Config:
     rounds: int = 9
     steps: int = 20
     bare: bool = False
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        for name in ("rounds", "steps"):
+            check_count(name, getattr(self, name), minimum=1)
+        for scene in self.scenes:
+            check_choice("scenes", scene, SCENES)
 
 
-@dataclass
-class Row:
-    """One batch; medians over the rounds.
+@dataclass(frozen=True)
+class Case:
+    """One batch; `scene` is one of `SCENES`."""
+
+    impl: str
+    scene: str
+    worlds: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case; medians over the rounds.
 
     Attributes:
-        impl: the engine.
-        scene: one of `SCENES`.
-        worlds: batch size.
         contacts_per_world: room for contact points.
         reset_ms: new layouts for all worlds.
         step_ms: one physics step of all worlds.
         ratio: reset over step: how many physics steps the layouts cost.
         bare_ratio: reset over a step of the engine alone; None if that was not timed.
         layouts_per_s: new layouts, all worlds added.
-        layouts_invalid: of all that were drawn.
-        compile_s: of everything, the first calls included.
+        layouts_invalid: count among all that were drawn.
+        compile_s: compilation of everything, the first calls included.
     """
 
-    impl: str
-    scene: str
-    worlds: int
     contacts_per_world: int
     reset_ms: float
     step_ms: float
@@ -101,16 +109,22 @@ def physics_roll(env: Base) -> Callable[[State, jax.Array, jax.Array, int], Stat
         def step(data: Any, i: jax.Array) -> tuple[Any, None]:
             move = at(actions, i, held)["move"]
             data = data.replace(ctrl=data.ctrl.at[:, ids].set(move.reshape(len(move), -1)))
-            return jax.vmap(lambda world, data: advance(world, data, 1)[0])(states.world, data), None
+            return jax.vmap(lambda fields, data: advance(fields, data, 1)[0])(states.world.fields, data), None
 
         return states.replace(data=jax.lax.scan(step, states.data, steps)[0])
 
     return jax.jit(roll, donate_argnums=0)
 
 
-def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
-    """Times resets and steps of one batch in turns."""
-    env = maax.make("standard", impl=impl, **SCENES[scene]).base
+def cases(config: Config) -> Iterator[Case]:
+    """All batches."""
+    return (Case(*case) for case in product(config.impl, config.scenes, config.worlds))
+
+
+def measure(case: Case, config: Config) -> Row:
+    """Times resets and steps of a batch in turns."""
+    n_worlds = case.worlds
+    env = maax.make("standard", impl=case.impl, **SCENES[case.scene]).base
     reset = jax.jit(jax.vmap(env.reset))
     keys = jax.random.split(jax.random.key(0), (config.rounds + 1, n_worlds))
     params = jax.tree.map(lambda x: jnp.broadcast_to(x, (n_worlds, *x.shape)), env.default_params)
@@ -130,7 +144,7 @@ def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
 
     spent: dict[str, list[float]] = {"reset": [], **{name: [] for name in rolls}}
     invalid = 0
-    for i in tqdm(range(config.rounds), desc=f"{impl} {scene} {n_worlds}", unit="round", leave=False):
+    for i in tqdm(range(config.rounds), desc=f"{case.impl} {case.scene} {n_worlds}", unit="round", leave=False):
         begun = time.perf_counter()
         states = jax.block_until_ready(reset(keys[i], params))
         spent["reset"].append(time.perf_counter() - begun)
@@ -142,9 +156,7 @@ def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
             spent[name].append((time.perf_counter() - begun) / config.steps)
     median = {name: statistics.median(times) for name, times in spent.items()}
     return Row(
-        impl=impl,
-        scene=scene,
-        worlds=n_worlds,
+        **vars(case),
         contacts_per_world=env.contacts_per_world,
         reset_ms=round(median["reset"] * 1e3, 3),
         step_ms=round(median["step"] * 1e3, 4),
@@ -156,30 +168,19 @@ def measure(impl: str, scene: str, n_worlds: int, config: Config) -> Row:
     )
 
 
-def batches(config: Config) -> Iterator[tuple[str, str, int]]:
-    """The engine, scene and size of every batch."""
-    return ((impl, scene, n) for impl in config.impl for scene in config.scenes for n in config.worlds)
+HEADER = "impl  scene     worlds   reset ms    step ms    ratio  bare ratio   layouts/s  invalid"
 
 
-def main(config: Config) -> None:
-    """Measures every batch, prints a table and writes the JSON after each."""
-    for name in ("rounds", "steps"):
-        check_count(name, getattr(config, name), minimum=1)
-    for scene in config.scenes:
-        check_choice("scenes", scene, SCENES)
-    rows: list[Row] = []
-    print("impl  scene     worlds   reset ms    step ms    ratio  bare ratio   layouts/s  invalid")
-    for impl, scene, n_worlds in batches(config):
-        row = measure(impl, scene, n_worlds, config)
-        rows.append(row)
-        bare = "-" if row.bare_ratio is None else f"{row.bare_ratio:.2f}"
-        print(
-            f"{impl:5} {scene:8} {n_worlds:7} {row.reset_ms:10.3f} {row.step_ms:10.4f} {row.ratio:8.2f} {bare:>11} "
-            f"{row.layouts_per_s:11,} {row.layouts_invalid:8}",
-            flush=True,
-        )
-        record.write(config.out, config, rows)
+def line(row: Row) -> str:
+    """A row of the table."""
+    bare = "-" if row.bare_ratio is None else f"{row.bare_ratio:.2f}"
+    return (
+        f"{row.impl:5} {row.scene:8} {row.worlds:7} {row.reset_ms:10.3f} {row.step_ms:10.4f} {row.ratio:8.2f} "
+        f"{bare:>11} {row.layouts_per_s:11,} {row.layouts_invalid:8}"
+    )
 
+
+COMMAND = benchmark(Config, Row, cases, measure, line, HEADER)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""What it takes to load a world, by part (thesis figure 4.3a): `python -m maax_mjx.benchmarks.load --help`.
+"""Time to load a world, by part (thesis figure 4.3a).
 
 Loading has parts: the MuJoCo spec from the object tree, MuJoCo's model from the spec, the engine from the model, and
 the compilation of reset and step by their first calls. All of it is paid once per environment; what a further layout
@@ -11,25 +11,26 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cache
 from typing import Any
 
 import jax
-import tyro
-from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks import plots, plots_worlds
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.physics import check_impl
 
 CELLS_PER_METRE = 5
 EDGE, N_BOXES = 6.0, 1
+"""Metres, and the number of boxes, in M."""
 
 
 @dataclass
-class Config:
-    """Options.
+class Config(Options):
+    """Options; `out` gets a picture of the same name beside it.
 
     Attributes:
         impl: engines to load.
@@ -39,7 +40,6 @@ class Config:
             filled.
         density: boxes per square metre of `dense_edges`.
         rounds: of every load, of which the median is reported, part by part.
-        out: JSON file to write, with a picture of the same name; nothing is written without one.
     """
 
     impl: tuple[str, ...] = ("c",)
@@ -48,34 +48,44 @@ class Config:
     dense_edges: tuple[float, ...] = (4.0, 6.0, 8.0, 12.0)
     density: float = 0.25
     rounds: int = 3
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        check_count("rounds", self.rounds, minimum=1)
+        check_positive("density", self.density)
+        for impl in self.impl:
+            check_impl(impl)
+        for edge in (*self.edges, *self.dense_edges):
+            cells(edge)
 
 
-@dataclass
-class Row:
-    """One world, loaded from nothing; times in seconds, medians over the rounds.
+@dataclass(frozen=True)
+class Case:
+    """One world, besides four agents and a ramp; what grows is "floor", "objects", or "dense", which is both."""
+
+    impl: str
+    sweep: str
+    edge_m: float
+    n_boxes: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case, loaded from nothing; times in seconds, medians over the rounds.
 
     Attributes:
-        impl: the engine.
-        sweep: what grows: "floor", "objects", or "dense", which is both.
-        edge_m: of the floor.
         grid_size: cells per side.
-        n_boxes: besides four agents and a ramp.
         spec_s: composing the environment and writing the MuJoCo spec.
         model_s: compiling the model from it.
         engine_s: making the engine.
         reset_s: the first jitted reset of one world, compilation included.
         step_s: the first jitted step, likewise.
-        total_s: of all these.
+        total_s: sum of all these.
         next_reset_s: any further jitted reset of one world.
         compilation_cache: whether JAX had a persistent one, from which compiled programs may have come.
     """
 
-    impl: str
-    sweep: str
-    edge_m: float
     grid_size: int
-    n_boxes: int
     spec_s: float
     model_s: float
     engine_s: float
@@ -86,7 +96,7 @@ class Row:
     compilation_cache: bool
 
 
-def load(impl: str, edge: float, n_boxes: int) -> dict[str, float]:
+def load(impl: str, edge: float, n_boxes: int) -> dict[str, Any]:
     """Seconds of every part of loading one world, by its name in `Row`."""
     spent: dict[str, float] = {}
 
@@ -126,47 +136,44 @@ def cells(edge: float) -> int:
     return count
 
 
-def worlds(config: Config) -> Iterator[tuple[str, float, int]]:
-    """The sweep, edge and number of boxes of every world to load."""
-    yield from (("floor", edge, N_BOXES) for edge in config.edges)
-    yield from (("objects", EDGE, n_boxes) for n_boxes in config.boxes)
-    yield from (("dense", edge, round(config.density * edge**2)) for edge in config.dense_edges)
-
-
-def main(config: Config) -> None:
-    """Loads every world, prints a table, and writes the JSON after each and the picture at the end."""
-    check_count("rounds", config.rounds, minimum=1)
-    check_positive("density", config.density)
+def cases(config: Config) -> Iterator[Case]:
+    """All sweeps of an engine, then the next engine's."""
     for impl in config.impl:
-        check_impl(impl)
-    for edge in (*config.edges, *config.dense_edges):
-        cells(edge)
-    rows: list[Row] = []
-    print("impl  sweep    edge m  boxes    spec   model  engine   reset    step   total  later reset  (s)")
-    for impl in config.impl:
-        load(impl, EDGE, N_BOXES)  # The first of a process pays for imports and for JAX's backend, too.
-        for sweep, edge, n_boxes in tqdm(list(worlds(config)), desc=impl, unit="world", leave=False):
-            loads = [load(impl, edge, n_boxes) for _ in range(config.rounds)]
-            row = Row(
-                impl=impl,
-                sweep=sweep,
-                edge_m=edge,
-                grid_size=cells(edge),
-                n_boxes=n_boxes,
-                compilation_cache=bool(jax.config.values["jax_compilation_cache_dir"]),
-                **{part: round(statistics.median(one[part] for one in loads), 6) for part in loads[0]},
-            )
-            rows.append(row)
-            tqdm.write(
-                f"{impl:5} {sweep:8} {edge:6.1f} {n_boxes:6} {row.spec_s:7.3f} {row.model_s:7.3f} {row.engine_s:7.3f} "
-                f"{row.reset_s:7.3f} {row.step_s:7.3f} {row.total_s:7.3f} {row.next_reset_s:12.5f}"
-            )
-            record.write(config.out, config, rows)
-    if config.out and rows:
-        from maax_mjx.benchmarks import plots  # Needs Matplotlib, which what measures loads in `objects` need not have.
+        yield from (Case(impl, "floor", edge, N_BOXES) for edge in config.edges)
+        yield from (Case(impl, "objects", EDGE, n_boxes) for n_boxes in config.boxes)
+        yield from (Case(impl, "dense", edge, round(config.density * edge**2)) for edge in config.dense_edges)
 
-        plots.draw(config.out, plots.load)
 
+@cache
+def warm_up(impl: str) -> None:
+    """Loads M once: the first load of a process pays for imports and for JAX's backend, too."""
+    load(impl, EDGE, N_BOXES)
+
+
+def measure(case: Case, config: Config) -> Row:
+    """Loads a world in all rounds."""
+    warm_up(case.impl)
+    loads = [load(case.impl, case.edge_m, case.n_boxes) for _ in range(config.rounds)]
+    return Row(
+        **vars(case),
+        grid_size=cells(case.edge_m),
+        compilation_cache=bool(jax.config.values["jax_compilation_cache_dir"]),
+        **{part: round(statistics.median(one[part] for one in loads), 6) for part in loads[0]},
+    )
+
+
+HEADER = "impl  sweep    edge m  boxes    spec   model  engine   reset    step   total  later reset  (s)"
+
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    return (
+        f"{row.impl:5} {row.sweep:8} {row.edge_m:6.1f} {row.n_boxes:6} {row.spec_s:7.3f} {row.model_s:7.3f} "
+        f"{row.engine_s:7.3f} {row.reset_s:7.3f} {row.step_s:7.3f} {row.total_s:7.3f} {row.next_reset_s:12.5f}"
+    )
+
+
+COMMAND = plots.with_picture(benchmark(Config, Row, cases, measure, line, HEADER), plots_worlds.load)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""Memory of a batch of worlds, and the largest batch that fits: `python -m maax_mjx.benchmarks.memory --help`.
+"""Memory of a batch of worlds, and the largest batch that fits.
 
 What is counted. The states: a WorldsState as it is carried from step to step, next episodes included. The step: what
 XLA says its compiled program needs, states and actions included, where what is donated counts once; the reset likewise.
@@ -13,14 +13,13 @@ peaks are a process's. XLA_PYTHON_CLIENT_MEM_FRACTION says how much of a device 
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -30,19 +29,20 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.bench import Command, Options, command_line, fill
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.checks import check_count
 from maax_mjx.common.runtime import is_out_of_memory
 
 LARGEST = "largest"
-KEY = ("env", "impl", "asked")
+"""Stands for a batch size: the largest that fits."""
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -52,10 +52,8 @@ class Config:
         largest: whether to look for the largest batch that fits, where the device says how much it has: a power of
             two, estimated from what the two largest batches needed in JAX's pool and outside of it, and then stepped;
             half of it where that fails.
-        most: worlds that are tried for it. Of not many more, arrays of all contacts have too many numbers for an int32.
+        most: worlds that are tried for it. With many more, arrays of all contacts overflow an int32.
         separate: whether every batch has a process of its own; None is on accelerators.
-        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
-        out: JSON file to write, which `python -m maax_mjx.benchmarks.plots` draws; nothing is written without one.
     """
 
     env: tuple[str, ...] = ("standard", "hide_and_seek", "hide_and_seek_full")
@@ -64,17 +62,28 @@ class Config:
     largest: bool = False
     most: int = 2**20
     separate: bool | None = None
-    max_minutes: float = math.inf
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        for n_worlds in self.worlds:
+            check_count("worlds", n_worlds, minimum=1)
+        check_count("most", self.most, minimum=1)
 
 
-@dataclass
-class Row:
-    """One batch; bytes of all its worlds together, unless it says per world. None is what this machine does not tell.
+@dataclass(frozen=True)
+class Case:
+    """One environment, by name, on one engine; `asked` is the batch size, or "largest"."""
+
+    env: str
+    impl: str
+    asked: str
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case; bytes of all worlds together, unless it says per world. None is what this machine does not count.
 
     Attributes:
-        env, impl: what ran.
-        asked: the batch size that was asked for, or "largest".
         worlds: the batch size.
         fits: whether it was reset and stepped.
         too_large: batch sizes that were tried before and did not fit.
@@ -90,9 +99,6 @@ class Row:
         error: the first line of why it does not fit.
     """
 
-    env: str
-    impl: str
-    asked: str
     worlds: int
     fits: bool
     too_large: list[int]
@@ -171,14 +177,14 @@ def measure_alone(name: str, impl: str, n_worlds: int) -> Row:
     """Measures a batch in a process of its own, which gives back all that it took."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "row.json"
-        command = record.command("memory", env=name, impl=impl, worlds=n_worlds, out=out, separate=False)
+        command = command_line("memory", env=name, impl=impl, worlds=n_worlds, out=out, separate=False)
         # This process leaves the pool to that one, which is to have all of it.
         subprocess.run(command, check=True, env=os.environ | {"XLA_PYTHON_CLIENT_PREALLOCATE": "true"})
-        return Row(**json.loads(out.read_text())["rows"][0])
+        return record.read_rows(out, Row)[0]
 
 
 def needed(program: Any) -> tuple[int, int] | tuple[None, None]:
-    """Bytes that a compiled program needs in all, and of them temporaries; None where the backend does not tell."""
+    """Bytes that a compiled program needs in all, and of them temporaries; None where the backend does not count."""
     analysis = program.memory_analysis()
     if analysis is None:
         return None, None
@@ -204,8 +210,8 @@ def device_memory() -> tuple[int, int] | tuple[None, None]:
     except (ImportError, ValueError, RuntimeError):
         query = ["nvidia-smi", "--id=0", "--query-gpu=memory.used,memory.total", "--format=csv,noheader,nounits"]
         try:
-            told = subprocess.run(query, capture_output=True, check=True, text=True).stdout.split(",")
-            return int(told[0]) * 2**20, int(told[1]) * 2**20
+            figures = subprocess.run(query, capture_output=True, check=True, text=True).stdout.split(",")
+            return int(figures[0]) * 2**20, int(figures[1]) * 2**20
         except (OSError, subprocess.CalledProcessError, ValueError):
             return None, None
 
@@ -220,12 +226,12 @@ def estimate(rows: Sequence[Row]) -> int:
     """How many worlds there is room for in JAX's pool and beside it, from what the two largest batches took.
 
     Raises:
-        RuntimeError: fewer than two batches that grow, or a device that does not tell.
+        RuntimeError: fewer than two batches that grow, or a device that does not say how much it has.
     """
     fitting = sorted((row for row in rows if row.fits), key=lambda row: row.worlds)[-2:]
     if len(fitting) < 2 or fitting[1].pool_limit_bytes is None:
         raise RuntimeError(
-            f"largest: got {len(fitting)} batches; takes two that fit, on a device that tells its memory"
+            f"largest: got {len(fitting)} batches; takes two that fit, on a device that says how much memory it has"
         )
     room = _room(
         [(row.worlds, max(row.reset_bytes or 0, row.step_bytes or 0)) for row in fitting], fitting[1].pool_limit_bytes
@@ -262,7 +268,7 @@ def largest(rows: Sequence[Row], most: int, measured: Callable[[int], Row]) -> R
         n_worlds //= 2
 
 
-def shown(row: Row) -> str:
+def line(row: Row) -> str:
     """A line about a row."""
     sizes = {
         "step": row.step_bytes,
@@ -276,30 +282,35 @@ def shown(row: Row) -> str:
     return f"{row.env} {row.impl} {row.worlds:,}{fits}: a world's state {row.state_bytes_per_world:,} bytes; {listed}"
 
 
+def cases(config: Config) -> Iterator[Case]:
+    """The batches of an environment from small to large, as `largest` needs them."""
+    asked = [str(n_worlds) for n_worlds in sorted(config.worlds)]
+    if config.largest and "bytes_limit" in pool():
+        asked.append(LARGEST)
+    return (Case(*case) for case in product(config.env, config.impl, asked))
+
+
 def main(config: Config) -> None:
-    """Measures every batch, prints a line and writes the JSON after each."""
-    for n_worlds in config.worlds:
-        check_count("worlds", n_worlds, minimum=1)
-    check_count("most", config.most, minimum=1)
+    """Measures every batch that the file lacks."""
+    config.check()
     # Where batches have processes of their own, this one takes nothing from them.
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "true" if config.separate is False else "false")
     separate = jax.default_backend() != "cpu" if config.separate is None else config.separate
     rows = record.resume(config.out, Row)
 
-    def one(name: str, impl: str, asked: str) -> Row:
-        def measured(n_worlds: int) -> Row:
-            return (measure_alone if separate else measure)(name, impl, n_worlds)
+    def measured(case: Case) -> Row:
+        def one(n_worlds: int) -> Row:
+            return (measure_alone if separate else measure)(case.env, case.impl, n_worlds)
 
-        before = [row for row in rows if (row.env, row.impl) == (name, impl)]
-        row = largest(before, config.most, measured) if asked == LARGEST else measured(int(asked))
-        rows.append(row)
-        return row
+        if case.asked != LARGEST:
+            return one(int(case.asked))
+        before = [row for row in rows if (row.env, row.impl) == (case.env, case.impl)]
+        return largest(before, config.most, one)
 
-    asked = [str(n_worlds) for n_worlds in sorted(config.worlds)]
-    if config.largest and "bytes_limit" in pool():
-        asked.append(LARGEST)
-    record.sweep(config, Row, KEY, product(config.env, config.impl, asked), one, shown)
+    fill(config, rows, cases(config), measured, line)
 
+
+COMMAND = Command(Config, main)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""What things in a world cost (thesis figures 6.1 and 4.3b): `python -m maax_mjx.benchmarks.objects --help`.
+"""Cost of things in a world (thesis figures 6.1 and 4.3b).
 
 The world is M with boxes instead of its box and ramp, with ramps instead, or as in the "dense" sweep of
 `benchmarks.load`: M on a growing floor, with as many boxes per square metre.
@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 
-import tyro
-
 import maax_mjx as maax
-from maax_mjx.benchmarks import load, record, rollouts
+from maax_mjx.benchmarks import load, rollouts
+from maax_mjx.benchmarks.bench import benchmark
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.rollouts import WHAT, Figures, Protocol, Rolling
 from maax_mjx.common.checks import check_choice, check_count, check_positive
 from maax_mjx.core.env import Base
@@ -23,7 +23,7 @@ from maax_mjx.physics import check_impl
 
 SWEEPS = ("boxes", "ramps", "floor")
 JOINTS = ("slides", "free")
-"""Slides along x, y and z and a yaw hinge, of which the thesis had x, y and yaw; or a free joint."""
+"""Slides along x, y and z and a yaw hinge, while the thesis had x, y and yaw; or a free joint."""
 
 
 @dataclass
@@ -52,6 +52,20 @@ class Config(Protocol):
     edges: tuple[float, ...] = (4.0, 6.0, 8.0, 10.0, 12.0)
     density: float = 0.25
 
+    def check(self) -> None:
+        super().check()
+        check_choice("what", self.what, WHAT)
+        check_positive("density", self.density)
+        for count in (self.worlds, *self.counts):
+            check_count("worlds, counts", count)
+        for impl in self.impl:
+            check_impl(impl)
+        for name, choices in (("sweeps", SWEEPS), ("outer", OUTER), ("joints", JOINTS)):
+            for value in getattr(self, name):
+                check_choice(name, value, choices)
+        for edge in self.edges:
+            load.cells(edge)
+
 
 @dataclass(frozen=True)
 class Case:
@@ -69,8 +83,8 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row(Figures, Case):
-    """A case and its figures; `build_s` is what of `compile_s` went into MuJoCo's model and the engine."""
+class Row(Figures, Case, Measured):
+    """A case and its figures; `build_s` is the part of `compile_s` that went into MuJoCo's model and the engine."""
 
     build_s: float | None = None
 
@@ -104,7 +118,7 @@ def world(case: Case) -> Base:
 
 
 def measure(case: Case, config: Config) -> Row:
-    """One row; of a world that does not fit into memory, too."""
+    """Builds the world, and times rollouts of a batch of it."""
     env = world(case)
     begun = time.perf_counter()
     _ = env.engine
@@ -114,28 +128,10 @@ def measure(case: Case, config: Config) -> Row:
         return rollouts.of_worlds(maax.Worlds(env, case.worlds), case.what)
 
     figures = rollouts.measure(make, case.worlds, config)
-    return Row(**asdict(case), **asdict(figures), build_s=round(build_s, 3))
+    return Row(**vars(case), **vars(figures), build_s=round(build_s, 3))
 
 
-def main(config: Config) -> None:
-    """Measures what the file lacks, prints it, and writes the JSON after each row."""
-    config.check()
-    check_choice("what", config.what, WHAT)
-    check_positive("density", config.density)
-    for count in (config.worlds, *config.counts):
-        check_count("worlds, counts", count)
-    for impl in config.impl:
-        check_impl(impl)
-    for name, choices in (("sweeps", SWEEPS), ("outer", OUTER), ("joints", JOINTS)):
-        for value in getattr(config, name):
-            check_choice(name, value, choices)
-    for edge in config.edges:
-        load.cells(edge)
-    rows = record.resume(config.out, Row)
-    print(
-        "impl  what  worlds  sweep  boxes  ramps  edge m  outer   joints     T   seconds       steps/s  build s  note"
-    )
-    record.fill(config, rows, cases(config), lambda case: measure(case, config), line)
+HEADER = "impl  what  worlds  sweep  boxes  ramps  edge m  outer   joints     T   seconds       steps/s  build s  note"
 
 
 def line(row: Row) -> str:
@@ -149,5 +145,7 @@ def line(row: Row) -> str:
     return f"{start} {row.seconds:9.3f} {row.steps_per_s:13,.0f} {row.build_s:8.2f}"
 
 
+COMMAND = benchmark(Config, Row, cases, measure, line, HEADER)
+
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

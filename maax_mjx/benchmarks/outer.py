@@ -1,4 +1,4 @@
-"""What outer walls cost against joint limits and an open floor: `python -m maax_mjx.benchmarks.outer --help`.
+"""Cost of outer walls against joint limits and an open floor.
 
 The thesis found its outer walls to be its bottleneck (section 6.3, figures 6.1 to 6.3).
 """
@@ -6,25 +6,28 @@ The thesis found its outer walls to be its bottleneck (section 6.3, figures 6.1 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache
+from itertools import product
 
 import jax
 import jax.numpy as jnp
-import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import draw_actions, env_roll
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.benchmarks.stepping import Roll, draw_actions, env_roll
+from maax_mjx.common.checks import check_count
 from maax_mjx.modules.walls import OUTER
-from maax_mjx.parallel import WorldsState
 
 ROUNDS = 8
+"""Turns of the boundaries in one measurement."""
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -32,24 +35,32 @@ class Config:
         worlds: batch size.
         steps: env steps per measurement, in turns of an eighth each.
         held: for how many steps an action is held; 1 redraws it every step.
-        out: JSON file to write; nothing is written without one.
     """
 
     impl: tuple[str, ...] = ("c",)
     worlds: int = 256
     steps: int = 800
     held: tuple[int, ...] = (1, 20)
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        check_count("steps", self.steps, minimum=ROUNDS)
 
 
-@dataclass
-class Row:
-    """One boundary of M; `ratio` is over `walls` in the same run."""
+@dataclass(frozen=True)
+class Case:
+    """One boundary of M."""
 
     impl: str
     worlds: int
     outer: str
     held: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case; `ratio` is over `walls` in the same run."""
+
     contacts_per_world: int
     env_steps_per_s: float
     ratio: float
@@ -57,53 +68,82 @@ class Row:
     contact_overflows: int
 
 
-def measure(impl: str, config: Config) -> list[Row]:
-    """Steps the three in turns, so that they share what the machine does besides."""
-    worlds = {outer: maax.Worlds(maax.make("standard", impl=impl, outer=outer), config.worlds) for outer in OUTER}
-    rolls = {outer: env_roll(w) for outer, w in worlds.items()}
-    turns = jnp.arange(config.steps // ROUNDS * ROUNDS).reshape(ROUNDS, -1)
-    actions = draw_actions(worlds["walls"].env.base, config.worlds, 1)
-    for outer, roll in rolls.items():
-        jax.block_until_ready(roll(worlds[outer].reset(jax.random.key(0)), actions, turns[0], 1))
-    rows = []
-    for held in config.held:
-        actions = draw_actions(worlds["walls"].env.base, config.worlds, held)
-        latest: dict[str, WorldsState] = {
-            outer: w.reset(jax.random.key(0), stagger=True) for outer, w in worlds.items()
-        }
-        spent = dict.fromkeys(OUTER, 0.0)
-        for steps in tqdm(turns, desc=f"{impl} held {held}", unit="turn", leave=False):
-            for outer, roll in rolls.items():
-                begun = time.perf_counter()
-                latest[outer] = jax.block_until_ready(roll(latest[outer], actions, steps, held))
-                spent[outer] += time.perf_counter() - begun
-        for outer in OUTER:
-            counts = latest[outer].totals()
-            rows.append(
-                Row(
-                    impl=impl,
-                    worlds=config.worlds,
-                    outer=outer,
-                    held=held,
-                    contacts_per_world=worlds[outer].env.base.contacts_per_world,
-                    env_steps_per_s=round(config.worlds * turns.size / spent[outer]),
-                    ratio=round(spent["walls"] / spent[outer], 2),
-                    physics_faults=counts["physics_fault"],
-                    contact_overflows=counts["contact_overflow"],
-                )
-            )
-    return rows
+@dataclass(frozen=True)
+class Turns:
+    """What a boundary did in its turns.
+
+    Attributes:
+        seconds: all turns together.
+        totals: counts at the end, as `WorldsState.totals` has them.
+        contacts_per_world: room for contact points.
+    """
+
+    seconds: float
+    totals: dict[str, int]
+    contacts_per_world: int
 
 
-def main(config: Config) -> None:
-    """Measures every engine, prints a table and writes the JSON after each."""
-    rows: list[Row] = []
-    for impl in config.impl:
-        for row in measure(impl, config):
-            rows.append(row)
-            print(row, flush=True)
-        record.write(config.out, config, rows)
+def cases(config: Config) -> Iterator[Case]:
+    """Boundaries under the same actions follow one another, since they are timed together."""
+    for impl, held, outer in product(config.impl, config.held, OUTER):
+        yield Case(impl, config.worlds, outer, held)
 
+
+@lru_cache(maxsize=1)
+def compiled(impl: str, n_worlds: int, steps: int) -> dict[str, tuple[maax.Worlds, Roll]]:
+    """A batch for every boundary, and its rollout of `steps` env steps, compiled."""
+    found = {}
+    for outer in OUTER:
+        worlds = maax.Worlds(maax.make("standard", impl=impl, outer=outer), n_worlds)
+        roll = env_roll(worlds)
+        actions = draw_actions(worlds.env, n_worlds, 1)
+        jax.block_until_ready(roll(worlds.reset(jax.random.key(0)), actions, jnp.arange(steps), 1))
+        found[outer] = worlds, roll
+    return found
+
+
+@lru_cache(maxsize=1)
+def timed(impl: str, n_worlds: int, held: int, steps: int) -> dict[str, Turns]:
+    """All boundaries, stepped in turns, so that they share what the machine does besides."""
+    batches = compiled(impl, n_worlds, steps // ROUNDS)
+    actions = draw_actions(batches["walls"][0].env, n_worlds, held)
+    latest = {outer: worlds.reset(jax.random.key(0), stagger=True) for outer, (worlds, _) in batches.items()}
+    spent = dict.fromkeys(batches, 0.0)
+    turns = jnp.arange(steps // ROUNDS * ROUNDS).reshape(ROUNDS, -1)
+    for turn in tqdm(turns, desc=f"{impl} held {held}", unit="turn", leave=False):
+        for outer, (_, roll) in batches.items():
+            begun = time.perf_counter()
+            latest[outer] = jax.block_until_ready(roll(latest[outer], actions, turn, held))
+            spent[outer] += time.perf_counter() - begun
+    return {
+        outer: Turns(spent[outer], latest[outer].totals(), worlds.env.base.contacts_per_world)
+        for outer, (worlds, _) in batches.items()
+    }
+
+
+def measure(case: Case, config: Config) -> Row:
+    """The case's share of what is timed together."""
+    found = timed(case.impl, case.worlds, case.held, config.steps)
+    turns = found[case.outer]
+    return Row(
+        **vars(case),
+        contacts_per_world=turns.contacts_per_world,
+        env_steps_per_s=round(case.worlds * (config.steps // ROUNDS * ROUNDS) / turns.seconds),
+        ratio=round(found["walls"].seconds / turns.seconds, 2),
+        physics_faults=turns.totals["physics_fault"],
+        contact_overflows=turns.totals["contact_overflow"],
+    )
+
+
+def line(row: Row) -> str:
+    """A line about a row."""
+    return (
+        f"{row.impl} {row.worlds:,} worlds, {row.outer:6} held {row.held:2}: {row.env_steps_per_s:,.0f} env-steps/s, "
+        f"{row.ratio:.2f} times walls; {row.physics_faults} faults, {row.contact_overflows} overflows"
+    )
+
+
+COMMAND = benchmark(Config, Row, cases, measure, line)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,10 +1,10 @@
-"""Pictures of what a step costs, how true it is, and what memory it takes; `plots` draws them."""
+"""Pictures of `breakdown`, `fidelity` and `memory`: what a step costs, how true it is, and what memory it takes."""
 
 from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from maax_mjx.benchmarks.plots import COLOURS, Fill, Row, curves, legend, panels, plot
+from maax_mjx.benchmarks.axes import COLOURS, Fill, Row, curves, legend, panels, plot
 
 IDLE = "idle"
 GREY = "#bbbbbb"
@@ -99,4 +99,4 @@ def memory(figure: Figure, rows: list[Row]) -> None:
 
 
 FIGURES: dict[str, Fill] = {"breakdown": breakdown, "fidelity": fidelity, "memory": memory}
-"""As of `plots`."""
+"""Kinds of pictures by benchmark."""

@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from maax_mjx.benchmarks.plots import COLOURS, MARKERS, Curves, Fill, Row, curves, legend, panels, plot
+from maax_mjx.benchmarks.axes import COLOURS, MARKERS, Curves, Fill, Row, curves, legend, panels, plot
 
 BATCHES = (2, 4, 8, 16, 32, 64, 128, 256, 512)
 THESIS = {
@@ -17,7 +17,7 @@ THESIS = {
 }
 """Steps per second of `BATCHES`, in Brax on a Quadro 6000 (figure 6.3, table 6.1)."""
 THESIS_MUJOCO = (411.3, 705.1, 874.3, 869.2, 883.6, 879.7, 878.4, 882.1)
-"""Of M in MuJoCo on 8 cores, batches 2 to 256 (figure 6.4)."""
+"""Steps per second of M in MuJoCo on 8 cores, batches 2 to 256 (figure 6.4)."""
 THESIS_OBJECTS = {
     ("boxes", "walls"): (10.8, 15.4, 15.8, 16.9, 20.3, 22.5, 25.4, 27.7, 31.8, 35.5),
     ("boxes", "none"): (4.2, 16.3, 16.5, 16.5, 16.7, 16.6, 16.6, 16.5, 16.6, 16.6),
@@ -54,7 +54,7 @@ def scaling(figure: Figure, rows: list[Row]) -> None:
 
 
 def engines(figure: Figure, rows: list[Row]) -> None:
-    """Thesis figure 6.4: the engines' steps per second, and worlds that went astray; solid lines: most iterations."""
+    """Thesis figure 6.4: the engines' steps per second, and faulty worlds; solid lines: most iterations."""
     rows = sorted(_measured(rows), key=lambda row: row["worlds"])
     names, held, iterations = (list(dict.fromkeys(r[k] for r in rows)) for k in ("engine", "held", "iterations"))
     iterations.sort(reverse=True)
@@ -78,7 +78,7 @@ def engines(figure: Figure, rows: list[Row]) -> None:
         )
         protocol = "actions redrawn" if n == 1 else f"full force held for {n} steps"
         _batches(left, {}, "steps per second, all worlds")
-        _batches(right, {}, "worlds gone astray at the end (%)", log=False)
+        _batches(right, {}, "faulty worlds at the end (%)", log=False)
         right.set_ylim(-4, 104)
         for ax in (left, right):
             ax.set_title(f"{protocol}\n{_lengths(rows)}", fontsize=9)
@@ -152,4 +152,4 @@ def _lengths(rows: list[Row]) -> str:
 
 
 FIGURES: dict[str, Fill] = {"scaling": scaling, "engines": engines, "objects": objects}
-"""By the beginning of the files' names, up to the first underscore."""
+"""Kinds of pictures by benchmark."""

@@ -1,25 +1,23 @@
-"""Where a step of MJX's JAX physics spends its time: `python -m maax_mjx.benchmarks.profile --help`."""
+"""Time of a step of MJX's JAX physics, by stage."""
 
 from __future__ import annotations
 
-import math
 import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import jax
 import jax.numpy as jnp
-import tyro
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.step import draw_actions, mjx_roll
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.benchmarks.stepping import draw_actions, mjx_roll
 from maax_mjx.benchmarks.traces import attribute, shares_of, trace
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, check_count
 
 if TYPE_CHECKING:
     from maax_mjx.physics.mjx_engine import MjxEngine
@@ -28,22 +26,19 @@ STAGES = ("fwd_position", "fwd_velocity", "fwd_actuation", "fwd_acceleration", "
 LINES, FACTOR, REST = "solve: line searches", "solve: factorisation", "the rest"
 PARTS = (*STAGES, LINES, FACTOR, REST)
 SOLVERS = ("newton", "mjx")
-KEY = ("worlds", "contacts", "solver")
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
         worlds: batch sizes.
-        contacts: contact points per world that there is room for; 0 is the environment's own choice.
+        contacts: room for contact points per world; 0 is the environment's own choice.
         solver: "newton", the engine's own, or "mjx", plain `mjx.step`.
         held: for how many steps a full-force action is held.
         steps: timed steps, after as many to warm up; a multiple of `traced`.
         traced: steps under the profiler.
-        max_minutes: after which no further row is begun; rows that `out` holds already are not measured again.
-        out: JSON file to write; nothing is written without one.
     """
 
     worlds: tuple[int, ...] = (16_384,)
@@ -52,41 +47,56 @@ class Config:
     held: int = 20
     steps: int = 120
     traced: int = 20
-    max_minutes: float = math.inf
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        check_count("traced", self.traced, minimum=1)
+        for solver in self.solver:
+            check_choice("solver", solver, SOLVERS)
 
 
-@dataclass
-class Row:
-    """One step of all worlds, times in microseconds.
-
-    Attributes:
-        worlds, contacts, solver: what ran.
-        step_us: without the profiler.
-        steps_per_s: all worlds added.
-        compile_s: compilation of the step.
-        parts_us: under the profiler, by stage of `mjx.step`. Of "solve", the factorisations of its matrices and the
-            loops inside its iterations, which are line searches, are counted apart.
-    """
+@dataclass(frozen=True)
+class Case:
+    """One batch size, room for contacts and solver."""
 
     worlds: int
     contacts: int
     solver: str
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case: one step of all worlds, times in microseconds.
+
+    Attributes:
+        step_us: without the profiler.
+        steps_per_s: all worlds added.
+        compile_s: compilation of the step.
+        parts_us: under the profiler, by stage of `mjx.step`. The factorisations of the matrices of "solve" and
+            the loops inside its iterations, which are line searches, are counted apart.
+    """
+
     step_us: float
     steps_per_s: float
     compile_s: float
     parts_us: dict[str, float]
 
 
-def measure(n_worlds: int, contacts: int, solver: str, config: Config) -> Row:
+def cases(config: Config) -> Iterator[Case]:
+    """All combinations."""
+    return (Case(*case) for case in product(config.worlds, config.contacts, config.solver))
+
+
+def measure(case: Case, config: Config) -> Row:
     """Times and traces held actions."""
-    env = maax.make("standard", impl="jax", contacts_per_world=contacts or None).base
+    n_worlds = case.worlds
+    env = maax.make("standard", impl="jax", contacts_per_world=case.contacts or None).base
     engine = cast("MjxEngine", env.engine)
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), n_worlds))
     # The engine has imported it, and without what it prints.
     from mujoco import mjx
 
-    advance = mjx.step if solver == "mjx" else engine.mjx_step
+    advance = mjx.step if case.solver == "mjx" else engine.mjx_step
     start, roll = mjx_roll(engine, env.agents.ctrl_ids.reshape(-1), advance=advance)
     actions, turn = draw_actions(env, n_worlds, config.held), jnp.arange(config.traced)
     data = start(states.world.fields, states.data)
@@ -105,9 +115,7 @@ def measure(n_worlds: int, contacts: int, solver: str, config: Config) -> Row:
     ran = trace(lambda: program(data, actions, turn + 2 * n_turns * config.traced, config.held))
     spent, _ = attribute(ran, shares_of(program.as_text() or "", part_of), part_of, PARTS)
     return Row(
-        worlds=n_worlds,
-        contacts=contacts,
-        solver=solver,
+        **vars(case),
         step_us=round(step_us, 1),
         steps_per_s=round(n_worlds / step_us * 1e6),
         compile_s=round(compile_s, 1),
@@ -127,26 +135,14 @@ def part_of(source: str) -> str:
     return LINES if "line_search" in inside or inside.count("while") > 1 else "solve"
 
 
-def shown(row: Row) -> str:
+def line(row: Row) -> str:
     """A line about a row, the largest parts first."""
     parts = sorted(row.parts_us.items(), key=lambda item: -item[1])
     listed = ", ".join(f"{part} {us:,.0f}" for part, us in parts if us >= 1)
     return f"{row.worlds} worlds, {row.solver}: {row.step_us:,.0f} us, {row.steps_per_s:,.0f} steps/s: {listed}"
 
 
-def cases(config: Config) -> Iterator[tuple[int, int, str]]:
-    """What is to be measured."""
-    for solver in config.solver:
-        check_choice("solver", solver, SOLVERS)
-    yield from product(config.worlds, config.contacts, config.solver)
-
-
-def main(config: Config) -> None:
-    """Measures what the file lacks, prints it, and writes the JSON after each row."""
-    record.sweep(
-        config, Row, KEY, cases(config), lambda n, contacts, solver: measure(n, contacts, solver, config), shown
-    )
-
+COMMAND = benchmark(Config, Row, cases, measure, line)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""The thesis's protocol (formula 6.2), which `scaling`, `engines` and `objects` share.
+"""Protocol of the thesis (formula 6.2), which `scaling`, `engines` and `objects` share.
 
 A figure is the mean over rollouts of T env steps of all worlds, after a warm-up that is such a rollout itself. Rollouts
 follow one another without a pause. Actions are uniform and redrawn at every step, unless they are held.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import jax
@@ -19,7 +18,8 @@ import numpy as np
 from mujoco.batch import Batch
 
 import maax_mjx as maax
-from maax_mjx.benchmarks.step import (
+from maax_mjx.benchmarks.bench import Options
+from maax_mjx.benchmarks.stepping import (
     DISTINCT,
     Actions,
     Roll,
@@ -43,8 +43,8 @@ BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{of}")) for of in ("POS", "VE
 
 
 @dataclass
-class Protocol:
-    """Options of all that are measured alike.
+class Protocol(Options):
+    """Options of the benchmarks that share it.
 
     Attributes:
         steps: env steps of a rollout, the thesis's T.
@@ -52,8 +52,6 @@ class Protocol:
         large_steps: env steps of a rollout of larger batches.
         rollouts: of which the mean is taken, after one to warm up.
         max_seconds: after so long no further rollout of a row is begun; the row says how many there were.
-        max_minutes: after so long no further row is begun; a later run with the same `out` goes on.
-        out: JSON file to write; rows that it has already are not measured again. Nothing is written without one.
     """
 
     steps: int = 1000
@@ -61,20 +59,12 @@ class Protocol:
     large_steps: int = 100
     rollouts: int = 5
     max_seconds: float = 120.0
-    max_minutes: float | None = None
-    out: Path | None = None
 
     def check(self) -> None:
-        """Refuses what cannot be measured.
-
-        Raises:
-            ValueError: naming the option.
-        """
+        super().check()
         for name in ("steps", "large", "large_steps", "rollouts"):
             check_count(name, getattr(self, name), minimum=1)
         check_positive("max_seconds", self.max_seconds)
-        if self.max_minutes is not None:
-            check_positive("max_minutes", self.max_minutes)
 
     def steps_of(self, n_worlds: int) -> int:
         """T of a batch."""
@@ -83,7 +73,7 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Figures:
-    """What is measured; null where it was not.
+    """Figures of a batch; None where they were not measured.
 
     Attributes:
         steps: env steps of a rollout, T.
@@ -119,7 +109,7 @@ class Rolling:
         begin: makes its first state.
         roll: what is timed.
         draw: the forces of a rollout, by the number of steps that each is held.
-        positions: of a state, (n_worlds, nq), NaN in worlds that went astray.
+        positions: of a state, (n_worlds, nq), NaN in worlds that diverged.
         counts: of a state, further counts of `Figures` by name.
     """
 

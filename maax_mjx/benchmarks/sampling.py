@@ -1,4 +1,4 @@
-"""What it takes to scatter points that keep apart (thesis figure 4.4): `python -m maax_mjx.benchmarks.sampling --help`.
+"""Time to scatter points that keep apart (thesis figure 4.4).
 
 Three ways get the same tasks: n points at least `radius` apart on a square floor, whose edge grows and n with its area,
 or which is filled up. `poisson` is Bridson's algorithm on the host, `darts` is naive rejection on the host with the
@@ -14,15 +14,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import product
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
-from tqdm import tqdm
 
-from maax_mjx.benchmarks import plots, record
+from maax_mjx.benchmarks import plots, plots_worlds
+from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.layout import Layout, poisson_disc, separation_placement
 
@@ -30,8 +30,8 @@ POINT = "point"
 
 
 @dataclass
-class Config:
-    """Options.
+class Config(Options):
+    """Options; `out` gets a picture of the same name beside it.
 
     Attributes:
         edges: floors in metres, on which points are wanted at the first of the densities.
@@ -43,7 +43,6 @@ class Config:
         cell: edge of the placement grid's cells in metres, as in the standard environment; a floor has a whole number.
         worlds: batch sizes of `field`.
         rounds: timed runs, each with a seed of its own, of which the median is reported.
-        out: JSON file to write, with a picture of the same name; nothing is written without one.
     """
 
     edges: tuple[float, ...] = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
@@ -54,25 +53,29 @@ class Config:
     cell: float = 0.2
     worlds: tuple[int, ...] = (1, 256)
     rounds: int = 7
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        for name in ("radius", "cell", "full_edge"):
+            check_positive(name, getattr(self, name))
+        for name in ("edges", "densities"):
+            for value in getattr(self, name):
+                check_positive(name, value)
+        for name in ("tries", "rounds"):
+            check_count(name, getattr(self, name), minimum=1)
 
 
-@dataclass
-class Row:
+@dataclass(frozen=True)
+class Case:
     """One way on one floor.
 
     Attributes:
         sweep: what grows: "edge" or "density".
         method: poisson, darts or field.
-        worlds: how many were drawn at once; 1 on the host.
+        worlds: how many are drawn at once; 1 on the host.
         edge_m: of the floor.
         radius_m: least distance asked for.
         wanted: points per world.
-        found: of them, mean over worlds and rounds.
-        failures: points that found no place, over all worlds and rounds.
-        closest_m: the least distance seen between two points, over all worlds and rounds; None with fewer than two.
-        ms_per_world: median over rounds of the time to draw all worlds, over their number.
-        first_s: the first call, which compiles on the device.
     """
 
     sweep: str
@@ -81,6 +84,20 @@ class Row:
     edge_m: float
     radius_m: float
     wanted: int
+
+
+@dataclass(frozen=True)
+class Row(Case, Measured):
+    """A case.
+
+    Attributes:
+        found: points per world, the mean over worlds and rounds.
+        failures: points that found no place, over all worlds and rounds.
+        closest_m: the least distance seen between two points, over all worlds and rounds; None with fewer than two.
+        ms_per_world: median over rounds of the time to draw all worlds, over their number.
+        first_s: the first call, which compiles on the device.
+    """
+
     found: float
     failures: int
     closest_m: float | None
@@ -145,88 +162,64 @@ def closest(points: np.ndarray) -> float:
     return float(np.sqrt(squares.min(initial=np.inf)))
 
 
-@dataclass(frozen=True)
-class Task:
-    """`n` points on a floor of `edge` metres; see `Row.sweep`."""
-
-    sweep: str
-    edge: float
-    n: int
-
-
-def tasks(config: Config) -> list[Task]:
-    """Every floor at the first density, and one floor at all of them."""
+def cases(config: Config) -> Iterator[Case]:
+    """Every floor at the first density, and one floor at all of them, in all ways."""
     floors = [("edge", edge, config.densities[0]) for edge in config.edges]
     floors += [("density", config.full_edge, density) for density in sorted(config.densities)]
-    return [Task(sweep, edge, round(density * (edge / config.radius) ** 2)) for sweep, edge, density in floors]
+    ways = [("poisson", 1), ("darts", 1), *(("field", n_worlds) for n_worlds in config.worlds)]
+    for (sweep, edge, density), (method, n_worlds) in product(floors, ways):
+        yield Case(sweep, method, n_worlds, edge, config.radius, round(density * (edge / config.radius) ** 2))
 
 
-def measure(task: Task, config: Config) -> Iterator[Row]:
-    """Times every way of doing a task."""
-    n, edge, radius, tries = task.n, task.edge, config.radius, config.tries
-    yield time_sampler("poisson", lambda i: [poisson_disc(n, radius, edge, i, candidates=tries)], task, config)
-    yield time_sampler("darts", lambda i: [throw_darts(n, radius, edge, i, tries)], task, config)
-    for worlds in config.worlds:
-        yield time_sampler("field", field_sampler(task, config, worlds), task, config, worlds)
-
-
-def field_sampler(task: Task, config: Config, worlds: int) -> Sampler:
-    """All worlds of a batch, in one compiled program."""
-    draw = jax.jit(jax.vmap(lambda key: scatter(task.n, config.radius, task.edge, config.cell, key)))
-    keys = jax.random.split(jax.random.key(0), (config.rounds + 1, worlds))
+def sampler(case: Case, config: Config) -> Sampler:
+    """A case's way to draw the points of a round."""
+    n, edge, radius, tries = case.wanted, case.edge_m, case.radius_m, config.tries
+    if case.method == "poisson":
+        return lambda i: [poisson_disc(n, radius, edge, i, candidates=tries)]
+    if case.method == "darts":
+        return lambda i: [throw_darts(n, radius, edge, i, tries)]
+    # All worlds of a batch, in one compiled program.
+    draw = jax.jit(jax.vmap(lambda key: scatter(n, radius, edge, config.cell, key)))
+    keys = jax.random.split(jax.random.key(0), (config.rounds + 1, case.worlds))
     return lambda i: draw(keys[i])
 
 
-def time_sampler(method: str, sampler: Sampler, task: Task, config: Config, worlds: int = 1) -> Row:
-    """Times all rounds of one way after a first one, which compiles, and looks at the points."""
+def measure(case: Case, config: Config) -> Row:
+    """Times all rounds after a first one, which compiles, and looks at the points."""
+    draw = sampler(case, config)
     begun = time.perf_counter()
-    jax.block_until_ready(sampler(config.rounds))
+    jax.block_until_ready(draw(config.rounds))
     first_s = time.perf_counter() - begun
     spent, found, nearest = [], [], np.inf
     for i in range(config.rounds):
         begun = time.perf_counter()
-        drawn = jax.block_until_ready(sampler(i))
+        drawn = jax.block_until_ready(draw(i))
         spent.append(time.perf_counter() - begun)
         points = drawn if isinstance(drawn, list) else [world[world[:, 2] > 0, :2] for world in np.asarray(drawn)]
         found += [len(p) for p in points]
         nearest = min([nearest, *map(closest, points)])
     return Row(
-        sweep=task.sweep,
-        method=method,
-        worlds=worlds,
-        edge_m=task.edge,
-        radius_m=config.radius,
-        wanted=task.n,
+        **vars(case),
         found=round(float(np.mean(found)), 2),
-        failures=task.n * len(found) - sum(found),
+        failures=case.wanted * len(found) - sum(found),
         closest_m=round(nearest, 4) if np.isfinite(nearest) else None,
-        ms_per_world=round(float(np.median(spent)) / worlds * 1e3, 4),
+        ms_per_world=round(float(np.median(spent)) / case.worlds * 1e3, 4),
         first_s=round(first_s, 2),
     )
 
 
-def main(config: Config) -> None:
-    """Samples on every floor, prints a table, and writes the JSON after each row and the picture at the end."""
-    for name in ("radius", "cell", "full_edge"):
-        check_positive(name, getattr(config, name))
-    for name in ("edges", "densities"):
-        for value in getattr(config, name):
-            check_positive(name, value)
-    for name in ("tries", "rounds"):
-        check_count(name, getattr(config, name), minimum=1)
-    rows: list[Row] = []
-    print("sweep    method   worlds  edge m  wanted    found  closest m  ms per world")
-    for task in tqdm(tasks(config), unit="task", leave=False):
-        for row in measure(task, config):
-            rows.append(row)
-            tqdm.write(
-                f"{row.sweep:8} {row.method:8} {row.worlds:6} {row.edge_m:7.1f} {row.wanted:7} {row.found:8.1f} "
-                f"{row.closest_m or np.nan:10.4f} {row.ms_per_world:13.4f}"
-            )
-            record.write(config.out, config, rows)
-    if config.out and rows:
-        plots.draw(config.out, plots.sampling)
+HEADER = "sweep    method   worlds  edge m  wanted    found  closest m  ms per world"
 
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    return (
+        f"{row.sweep:8} {row.method:8} {row.worlds:6} {row.edge_m:7.1f} {row.wanted:7} {row.found:8.1f} "
+        f"{row.closest_m or np.nan:10.4f} {row.ms_per_world:13.4f}"
+    )
+
+
+COMMAND = plots.with_picture(benchmark(Config, Row, cases, measure, line, HEADER), plots_worlds.sampling)
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,4 +1,4 @@
-"""Steps per second against the number of worlds (thesis figure 6.3): `python -m maax_mjx.benchmarks.scaling --help`.
+"""Steps per second against the number of worlds (thesis figure 6.3).
 
 The scenes are M, M without its outer walls, and an Ant with M's time step and solver, one physics step an env step. Of
 M there are complete env steps with automatic resets, and its engine alone; of the Ant the engine alone.
@@ -7,21 +7,21 @@ M there are complete env steps with automatic resets, and its engine alone; of t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import product
 
-import tyro
-
 import maax_mjx as maax
-from maax_mjx.benchmarks import record, rollouts
+from maax_mjx.benchmarks import rollouts
 from maax_mjx.benchmarks.ant import CONTACTS, ant
+from maax_mjx.benchmarks.bench import benchmark
+from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.rollouts import WHAT, Figures, Protocol, Rolling
 from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.physics import check_impl
 
 SCENES = {"M": "walls", "M-none": "none", "M-limits": "limits", "Ant": ""}
-"""By name, the outer walls (see `WallScenarios`); the Ant has none."""
+"""Outer walls (see `WallScenarios`) by scene; the Ant has none."""
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Config(Protocol):
     Attributes:
         impl: engines.
         scenes: "M", "M-none" (an open floor), "M-limits" (closed by joint ranges), "Ant".
-        what: "env", complete env steps; "bare", the engine alone, which is all that there is of the Ant.
+        what: "env", complete env steps; "bare", the engine alone; the Ant has only that.
         worlds: batch sizes.
         iterations: of the solver, and of its line searches; the thesis had 5.
         held: for how many steps an action is held.
@@ -43,6 +43,17 @@ class Config(Protocol):
     worlds: tuple[int, ...] = (131_072, 32_768, 8192, 2048, 512, 128, 32, 8, 2)
     iterations: tuple[int, ...] = (20,)
     held: int = 1
+
+    def check(self) -> None:
+        super().check()
+        for impl in self.impl:
+            check_impl(impl)
+        for scene in self.scenes:
+            check_choice("scenes", scene, SCENES)
+        for what in self.what:
+            check_choice("what", what, WHAT)
+        for count in (*self.worlds, *self.iterations):
+            check_count("worlds, iterations", count, minimum=1)
 
 
 @dataclass(frozen=True)
@@ -59,7 +70,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row(Figures, Case):
+class Row(Figures, Case, Measured):
     """A case and its figures."""
 
 
@@ -87,24 +98,12 @@ def _worlds(impl: str, outer: str, n_worlds: int, iterations: int) -> maax.World
     return maax.Worlds(maax.make("standard", impl=impl, outer=outer, world_params=params), n_worlds)
 
 
-def main(config: Config) -> None:
-    """Measures what the file lacks, prints it, and writes the JSON after each row."""
-    config.check()
-    for impl in config.impl:
-        check_impl(impl)
-    for scene in config.scenes:
-        check_choice("scenes", scene, list(SCENES))
-    for what in config.what:
-        check_choice("what", what, WHAT)
-    for count in (*config.worlds, *config.iterations):
-        check_count("worlds, iterations", count, minimum=1)
-    rows = record.resume(config.out, Row)
-    print("impl  scene     what  worlds  iterations     T  rollouts   seconds       steps/s  compile s  NaN  note")
+def measure(case: Case, config: Config) -> Row:
+    """Times rollouts of a case."""
+    return Row(**vars(case), **vars(rollouts.measure(partial(make, case), case.worlds, config, case.held)))
 
-    def measure(case: Case) -> Row:
-        return Row(**asdict(case), **asdict(rollouts.measure(partial(make, case), case.worlds, config, case.held)))
 
-    record.fill(config, rows, cases(config), measure, line)
+HEADER = "impl  scene     what  worlds  iterations     T  rollouts   seconds       steps/s  compile s  NaN  note"
 
 
 def line(row: Row) -> str:
@@ -117,5 +116,7 @@ def line(row: Row) -> str:
     )
 
 
+COMMAND = benchmark(Config, Row, cases, measure, line, HEADER)
+
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -1,30 +1,32 @@
-"""Billions of steps under hostile play, over several runs: `python -m maax_mjx.benchmarks.soak --help`.
+"""Billions of steps under hostile play, over several runs.
 
-Full force, redrawn every 20 steps, while everybody locks and grabs everything in reach. What a user could see of a step
-is looked at after each. A run that is stopped or killed goes on from its last checkpoint.
+Agents have full force, redrawn every 20 steps, while everybody locks and grabs everything in reach. What a user could
+see of a step is looked at after each. A run that is stopped or killed goes on from its last checkpoint.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import tyro
 from flax import struct
 from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.bench import Command, Options
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.common.checks import check_count
 from maax_mjx.parallel import WorldsState
 
 COUNTS = ("episodes", "physics_fault", "contact_overflow", "layout_invalid")
 
 
 @dataclass
-class Config:
+class Config(Options):
     """Options.
 
     Attributes:
@@ -35,9 +37,8 @@ class Config:
         held: for how many env steps a force is held.
         chunk: env steps of a rollout.
         every: rollouts between checkpoints.
-        max_minutes: of this run.
-        folder: of the checkpoints; a later run with the same goes on from the last.
-        out: JSON file, written at every checkpoint; nothing is written without one.
+        folder: of the checkpoints, with each of which `out` is written; a later run with the same goes on from the
+            last.
     """
 
     env: str = "hide_and_seek"
@@ -47,9 +48,12 @@ class Config:
     held: int = 20
     chunk: int = 100
     every: int = 10
-    max_minutes: float | None = None
     folder: Path = Path("soak")
-    out: Path | None = None
+
+    def check(self) -> None:
+        super().check()
+        for name in ("worlds", "held", "chunk", "every"):
+            check_count(name, getattr(self, name), minimum=1)
 
 
 class Tally(struct.PyTreeNode):
@@ -58,7 +62,7 @@ class Tally(struct.PyTreeNode):
     Attributes:
         env_steps: () int32, of each world.
         bad_steps: () int32, steps after which some number that a user sees was not finite.
-        counts: (4,) float32 totals of all worlds before `states.counts`, which are started anew with every rollout,
+        counts: (4,) float32 totals of all worlds before `states.counts`, which begin at 0 in every rollout,
             since they are int32: by `COUNTS`.
         seconds: () float32 that rollouts took.
     """
@@ -76,8 +80,8 @@ class Tally(struct.PyTreeNode):
 
 
 @dataclass(frozen=True)
-class Row:
-    """All runs together."""
+class Row(Measured):
+    """All runs together; `measured` is the last one."""
 
     env: str
     impl: str
@@ -125,6 +129,8 @@ def player(worlds: maax.Worlds, config: Config) -> jax.stages.Wrapped:
 
 def main(config: Config) -> None:
     """Goes on until all steps are done or the minutes are over."""
+    config.check()
+    run = record.run_of(config)
     env = maax.make(config.env, impl=config.impl)
     worlds = maax.Worlds(env, config.worlds)
     checkpoints, play, tally, runs = maax.Checkpoints(config.folder), player(worlds, config), Tally.nothing(), 1
@@ -151,9 +157,8 @@ def main(config: Config) -> None:
             done = bar.n >= config.physics_steps or _over(begun, config.max_minutes)
             if done or chunks % config.every == 0:
                 checkpoints.save(int(tally.env_steps), worlds, states, tally=tally, runs=jnp.asarray(runs))
-                row = row_of(tally, config, env.base.n_frames, runs)
-                record.write(config.out, config, [row])
-    print(asdict(row_of(tally, config, env.base.n_frames, runs)), flush=True)
+                record.write(config.out, [replace(row_of(tally, config, env.base.n_frames, runs), measured=run)])
+    print(row_of(tally, config, env.base.n_frames, runs), flush=True)
 
 
 def row_of(tally: Tally, config: Config, n_frames: int, runs: int) -> Row:
@@ -184,5 +189,7 @@ def _over(begun: float, minutes: float | None) -> bool:
     return minutes is not None and time.monotonic() - begun > 60 * minutes
 
 
+COMMAND = Command(Config, main)
+
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    COMMAND.cli()

@@ -2,40 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-
 import jax
 import numpy as np
 import pytest
 from helpers import seeds
 
-from maax_mjx.benchmarks import grabs, layouts, load, plots, sampling
-
-
-def run(module, path, **options):
-    """The rows of a benchmark's file, checked against its `Row`."""
-    module.main(module.Config(out=path, **options))
-    record = json.loads(path.read_text())
-    assert set(record) == {"conditions", "config", "rows"}
-    for row in record["rows"]:
-        assert list(row) == [field.name for field in dataclasses.fields(module.Row)]
-    return record["rows"]
+from maax_mjx.benchmarks import grabs, gradients, hostile, layouts, load, outer, plots, sampling, step
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("results")
-
-
-@pytest.fixture(scope="module")
-def sampled(folder):
+def sampled(run, folder):
     path = folder / "sampling_cpu.json"
     return run(sampling, path, edges=(2.0,), densities=(0.9,), full_edge=2.0, worlds=(3,), rounds=2)
 
 
 @pytest.fixture(scope="module")
-def loaded(folder):
+def loaded(run, folder):
     return run(load, folder / "load_c_cpu.json", edges=(), boxes=(1,), dense_edges=(), rounds=1)
 
 
@@ -80,7 +62,7 @@ def test_load(loaded):
 
 def test_worlds_to_load():
     config = load.Config(edges=(6.0, 12.0), boxes=(0, 20), dense_edges=(8.0,))
-    assert list(load.worlds(config)) == [
+    assert [(case.sweep, case.edge_m, case.n_boxes) for case in load.cases(config)] == [
         ("floor", 6.0, 1),
         ("floor", 12.0, 1),
         ("objects", 6.0, 0),
@@ -89,14 +71,46 @@ def test_worlds_to_load():
     ]
 
 
-def test_layouts(tmp_path):
+def test_layouts(run, tmp_path):
     (row,) = run(layouts, tmp_path / "layouts_c.json", worlds=(4,), rounds=2, steps=2, bare=True)
     assert (row["impl"], row["scene"], row["worlds"], row["layouts_invalid"]) == ("c", "M", 4, 0)
     assert row["ratio"] == pytest.approx(row["reset_ms"] / row["step_ms"], rel=0.05)
     assert row["bare_ratio"] > 0
 
 
-def test_grabs(tmp_path):
+def test_step(run, tmp_path):
+    """A row for each case, in the order of the cases."""
+    rows = run(step, tmp_path / "step_c.json", env=("tiny",), impl=("c",), worlds=(2,), steps=16, held=(1, 20))
+    kinds = [(held, episodes) for held in (1, 20) for episodes in ("lockstep", "staggered")]
+    assert [(row["held"], row["episodes"]) for row in rows] == kinds
+    for row in rows:
+        assert (row["steps"], row["horizon"], row["n_frames"]) == (16, 6, 1)
+        # 16 steps hold two whole episodes of six; staggered, a world may have ended a third.
+        most = 4 if row["episodes"] == "lockstep" else 6
+        assert 4 <= row["episodes_ended"] <= most
+        assert row["ratio"] == pytest.approx(row["env_steps_per_s"] / row["bare_steps_per_s"], rel=0.02)
+
+
+@pytest.mark.slow
+def test_hostile(run, tmp_path):
+    rows = run(hostile, tmp_path / "hostile_c.json", worlds=2, steps=50, held=(50, 1), gravity=(-9.81,))
+    assert [row["held"] for row in rows] == [50, 1]
+    for row in rows:
+        assert all(row[name] for name in ("finite", "inside", "faults_truncate"))
+        assert row["env_steps_per_s"] > 0
+
+
+@pytest.mark.slow
+def test_outer(run, tmp_path):
+    """What is timed together is compared with itself."""
+    rows = run(outer, tmp_path / "outer_c.json", worlds=2, steps=8, held=(1,))
+    assert [row["outer"] for row in rows] == list(outer.OUTER)
+    walls = rows[0]["env_steps_per_s"]
+    for row in rows:
+        assert row["ratio"] == pytest.approx(row["env_steps_per_s"] / walls, abs=0.02)
+
+
+def test_grabs(run, tmp_path):
     rows = run(grabs, tmp_path / "grabs_cpu.json", steps=400, stiffness=(2000.0, 20_000.0), frames=(1,))
     assert [row["rows_per_pair"] for row in rows] == [4, 6, 6, 0, 0]
     assert [row["stable"] for row in rows] == [True] * 4 + [False]
@@ -130,11 +144,16 @@ def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
         (grabs, dict(frames=(1, 0)), "frames: got 0"),
         (layouts, dict(scenes=("N",)), "scenes: got 'N'; takes one of"),
         (layouts, dict(steps=0), "steps: got 0"),
+        (step, dict(worlds=(8, 0)), "worlds: got 0"),
+        (hostile, dict(steps=30), "steps: got 30; takes a multiple of 50"),
+        (outer, dict(steps=7), "steps: got 7"),
+        (gradients, dict(repeats=0), "repeats: got 0"),
+        (gradients, dict(max_minutes=0.0), "max_minutes: got 0.0"),
     ],
 )
 def test_errors_before_anything_runs(module, options, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        module.main(module.Config(out=tmp_path / "out.json", **options))
+        module.COMMAND.main(module.Config(out=tmp_path / "out.json", **options))
     assert not (tmp_path / "out.json").exists()
 
 
@@ -146,6 +165,6 @@ def test_files_that_are_no_records(tmp_path):
     ]:
         path.write_text(text)
         with pytest.raises(ValueError, match=message):
-            plots.draw(path, plots.sampling)
+            plots.draw(path, plots.FIGURES["sampling"])
     with pytest.raises(ValueError, match="folder: got"):
         plots.main(plots.Config(tmp_path / "nowhere"))

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 
 import pytest
-import tyro
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import breakdown, fidelity, first_step, memory, plots, record
+from maax_mjx.benchmarks import bench, breakdown, fidelity, first_step, memory, plots
 from maax_mjx.benchmarks.traces import Event, attribute, shares_of
-from maax_mjx.tasks.standard import standard
 
 HLO = """HloModule jit_roll
 %fused (p.0: f32[8]) -> f32[8] {
@@ -30,45 +27,23 @@ ENTRY %main (a.1: f32[8]) -> (f32[8], pred[]) {
 """
 
 
-@dataclasses.dataclass(frozen=True)
-class TinyConfig(maax.StandardConfig):
-    """One agent on an open floor, which compiles fast."""
+@pytest.fixture(scope="session")
+def run_twice(run):
+    """`run_twice(module, path, **options)`: the rows after a run, and after another that adds nothing."""
 
-    scenario: str = "empty"
-    n_hiders: int = 1
-    n_seekers: int = 0
-    n_boxes: int = 0
-    n_ramps: int = 0
+    def twice(module, path, **options):
+        rows = run(module, path, **options)
+        before = path.read_text()
+        run(module, path, **options)
+        assert path.read_text() == before
+        return rows
 
-
-@pytest.fixture(scope="module", autouse=True)
-def tiny():
-    if "tiny" not in maax.tasks():
-        maax.register("tiny", lambda config: maax.RestrictAgentsRect(standard(config), (1, 1, 5, 5)), TinyConfig)
+    return twice
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("results")
-
-
-def run(module, path, **options):
-    """The rows of a benchmark's file after a run, checked against its `Row`, and after another that adds nothing."""
-    module.main(module.Config(out=path, **options))
-    before = path.read_text()
-    rows = json.loads(before)["rows"]
-    for row in rows:
-        assert list(row) == [field.name for field in dataclasses.fields(module.Row)]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "measure", None)
-        module.main(module.Config(out=path, **options))
-    assert path.read_text() == before
-    return rows
-
-
-def test_fidelity(folder):
+def test_fidelity(run_twice, folder):
     options = dict(impl=("c",), iterations=(20, 1), worlds=8, steps=40, every=5)
-    rows = run(fidelity, folder / "fidelity_c.json", **options)
+    rows = run_twice(fidelity, folder / "fidelity_c.json", **options)
     full, one = rows
     assert (full["iterations"], one["iterations"], full["singles"]) == (20, 1, 64)
     assert max(full["single_agents_m"] + full["single_objects_m"]) < 1e-6
@@ -78,8 +53,8 @@ def test_fidelity(folder):
     assert full["reference_ejected"] == full["faulty_worlds"] == 0
 
 
-def test_breakdown(folder):
-    (row,) = run(breakdown, folder / "breakdown_c.json", env=("tiny",), worlds=(4,), traced=4, steps=4, horizon=4)
+def test_breakdown(run_twice, folder):
+    (row,) = run_twice(breakdown, folder / "breakdown_c.json", env=("tiny",), worlds=(4,), traced=4, steps=4, horizon=4)
     parts = row["parts_us"]
     assert sum(parts.values()) == pytest.approx(row["traced_us"], rel=0.01)
     assert row["parts_over_traced"] == pytest.approx(1, abs=0.01)
@@ -88,22 +63,22 @@ def test_breakdown(folder):
     assert parts["vision"] == parts["unnamed"] == 0
 
 
-def test_memory(folder, monkeypatch):
+def test_memory(run_twice, folder, monkeypatch):
     # What is measured is a step's memory, not its doing: another compilation of the physics would tell no more.
     monkeypatch.setattr(maax.Worlds, "step_fn", lambda self, states, action: states.replace(step=states.step + 1))
-    (row,) = run(memory, folder / "memory_c.json", env=("tiny",), worlds=(4,))
+    (row,) = run_twice(memory, folder / "memory_c.json", env=("tiny",), worlds=(4,))
     assert row["fits"]
     assert row["asked"] == "4"
     assert row["step_bytes"] > 4 * row["state_bytes_per_world"] > 4 * 500
     assert row["pool_peak_bytes"] is None, "a CPU counts nothing"
 
 
-def test_first_step(tmp_path, monkeypatch):
+def test_first_step(run_twice, tmp_path, monkeypatch):
     """The second process finds what the first one left in the cache."""
     stand_in = "import os, pathlib; kept = pathlib.Path(os.environ['JAX_COMPILATION_CACHE_DIR']) / 'kept'; "
     stand_in += "print([1, 2, 3, 0 if kept.exists() else 4]); kept.touch()"
     monkeypatch.setattr(first_step, "PROCESS", stand_in)
-    (row,) = run(first_step, tmp_path / "first_step.json", env=("tiny",), impl=("c",), worlds=(4,))
+    (row,) = run_twice(first_step, tmp_path / "first_step.json", env=("tiny",), impl=("c",), worlds=(4,))
     assert (row["import_s"], row["make_s"], row["reset_s"]) == ([1, 1], [2, 2], [3, 3])
     assert (row["step_s"], row["total_s"]) == ([4, 0], [10, 6])
 
@@ -182,7 +157,7 @@ def test_a_batch_in_a_process_of_its_own(monkeypatch):
 
     def run_(command, check, env):
         ran.append(command)
-        memory.main(tyro.cli(memory.Config, args=command[3:]))
+        memory.COMMAND.main(memory.COMMAND.parse(command[3:]))
 
     monkeypatch.setattr(memory.subprocess, "run", run_)
     monkeypatch.setattr(
@@ -194,8 +169,8 @@ def test_a_batch_in_a_process_of_its_own(monkeypatch):
 
 
 def test_a_sweep_ends_when_its_time_is_over(tmp_path):
-    config = memory.Config(out=tmp_path / "memory.json", max_minutes=0.0)
-    record.sweep(config, memory.Row, ("worlds",), [(1,)], pytest.fail, str)
+    config = memory.Config(out=tmp_path / "memory.json", max_minutes=1e-9)
+    bench.fill(config, [], [memory.Case("tiny", "c", "1")], pytest.fail, str)
     assert not config.out.exists()
 
 
@@ -207,4 +182,4 @@ def test_errors_before_anything_runs():
         (first_step, dict(worlds=(0,))),
     ]:
         with pytest.raises(ValueError, match="got 0; takes"):
-            module.main(module.Config(**options))
+            module.COMMAND.main(module.Config(**options))

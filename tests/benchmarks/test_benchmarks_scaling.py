@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import xml.etree.ElementTree as ET
 from functools import cache, partial
 
@@ -13,24 +12,16 @@ import numpy as np
 import pytest
 
 import maax_mjx as maax
-from maax_mjx.benchmarks import engines, objects, plots, record, rollouts, scaling
+from maax_mjx.benchmarks import bench, engines, objects, plots, record, rollouts, scaling
 from maax_mjx.benchmarks.ant import ant
 
 TINY = dict(steps=8, rollouts=2)
 
 
-def run(module, path, **options):
-    """The rows of a benchmark's file, checked against its `Row`."""
-    module.main(module.Config(out=path, **TINY, **options))
-    rows = json.loads(path.read_text())["rows"]
-    for row in rows:
-        assert list(row) == [field.name for field in dataclasses.fields(module.Row)]
-    return rows
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("results")
+@pytest.fixture(scope="session")
+def run_tiny(run):
+    """`run` with short rollouts."""
+    return partial(run, **TINY)
 
 
 def test_the_ant_lands_on_its_feet():
@@ -62,13 +53,13 @@ def test_ants_follow_plain_mujoco():
     np.testing.assert_allclose(batch.positions(state)[2], data.qpos, atol=1e-9)
 
 
-def test_scaling_is_resumed(folder, capsys, monkeypatch):
+def test_scaling_is_resumed(run_tiny, folder, capsys, monkeypatch):
     # A world that compiles fast.
     config = maax.StandardConfig(scenario="empty", n_hiders=1, n_seekers=0, n_boxes=0, n_ramps=0, impl="c")
     monkeypatch.setattr(scaling, "_worlds", cache(lambda *case: maax.Worlds(maax.make("standard", config), case[2])))
     path = folder / "scaling_c.json"
     options = dict(scenes=("M", "Ant"), worlds=(2,), large=1, large_steps=4)
-    rows = run(scaling, path, **options)
+    rows = run_tiny(scaling, path, **options)
     assert [(row["scene"], row["what"]) for row in rows] == [("M", "env"), ("M", "bare"), ("Ant", "bare")]
     for row in rows:
         assert (row["steps"], row["rollouts"], row["nan_worlds"]) == (4, 2, 0)
@@ -78,16 +69,16 @@ def test_scaling_is_resumed(folder, capsys, monkeypatch):
 
     measured = []
     monkeypatch.setattr(rollouts, "measure", lambda *args: measured.append(args) or rollouts.Figures(1, 0, note="-"))
-    assert run(scaling, path, **options) == rows
+    assert run_tiny(scaling, path, **options) == rows
     assert not measured
-    assert len(run(scaling, path, **options | dict(scenes=("Ant", "M"), worlds=(2, 1), what=("bare",)))) == 5
+    assert len(run_tiny(scaling, path, **options | dict(scenes=("Ant", "M"), worlds=(2, 1), what=("bare",)))) == 5
     assert len(measured) == 2
     assert "M " not in capsys.readouterr().out.split("note")[2]
 
 
-def test_engines(folder):
+def test_engines(run_tiny, folder):
     path = folder / "engines_c.json"
-    (row,) = run(engines, path, engines=("c",), worlds=(2,), iterations=(20,), held=(1,))
+    (row,) = run_tiny(engines, path, engines=("c",), worlds=(2,), iterations=(20,), held=(1,))
     assert (row["nan_worlds"], row["faults"]) == (0, 0)
     _, _, xml = engines.exported()
     plain = mujoco.MjModel.from_xml_string(xml)
@@ -114,10 +105,10 @@ def test_brax_gets_the_same_world():
     assert ET.fromstring(engines.for_brax(xml)).find("worldbody/body/body/joint").get("name") == "agent0:yaw"
 
 
-def test_missing_engines_are_said_and_tried_again(tmp_path, monkeypatch):
+def test_missing_engines_are_said_and_tried_again(run_tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     for _ in range(2):
-        (row,) = run(engines, tmp_path / "e.json", engines=("brax",), worlds=(2,), iterations=(5,), held=(1,))
+        (row,) = run_tiny(engines, tmp_path / "e.json", engines=("brax",), worlds=(2,), iterations=(5,), held=(1,))
         assert (row["note"], row["seconds"]) == ("not installed", None)
 
 
@@ -131,10 +122,10 @@ def test_objects():
     assert (model.nv, sum("wall" in model.geom(i).name for i in range(model.ngeom))) == (4 * 4 + 9 * 6, 4)
 
 
-def test_objects_rows(folder, monkeypatch):
+def test_objects_rows(run_tiny, folder, monkeypatch):
     figures = rollouts.Figures(8, 2, 0.1, 0.0, 160, 1.0, 0, 0, 0)
     monkeypatch.setattr(rollouts, "measure", lambda *args: figures)
-    rows = run(objects, folder / "objects_c.json", counts=(1, 0), worlds=2, edges=(6.0,), joints=("slides",))
+    rows = run_tiny(objects, folder / "objects_c.json", counts=(1, 0), worlds=2, edges=(6.0,), joints=("slides",))
     assert len(rows) == 2 * 2 * 2 + 1
     assert all(row["build_s"] > 0 for row in rows)
 
@@ -150,19 +141,25 @@ def test_out_of_memory_is_a_row():
         rollouts.measure(partial(fails, "INTERNAL: something else"), 2, protocol)
 
 
+@dataclasses.dataclass(frozen=True)
+class Plain(engines.Case, record.Measured):
+    """A row that is nothing but its case."""
+
+
 def test_budget_and_files_of_others(tmp_path, capsys):
     cases = [engines.Case("c", n, 20, 1) for n in (1, 2, 3)]
-    begun = iter(record.remaining(cases, [cases[1]], 1e-9))
-    assert list(begun) == []
+    rows = [Plain(**vars(cases[1]))]
+    assert list(bench.remaining(cases, rows, 1e-9)) == []
     assert "2 rows to go" in capsys.readouterr().out
-    assert list(record.remaining(cases, [cases[1]], None)) == [cases[0], cases[2]]
+    assert list(bench.remaining(cases, rows, None)) == [cases[0], cases[2]]
     path = tmp_path / "x.json"
-    record.write(path, "", [cases[0]])
+    record.write(path, rows)
+    assert record.resume(path, Plain) == rows
     with pytest.raises(ValueError, match="takes a file with rows of this benchmark"):
         record.resume(path, scaling.Row)
     path.write_text(path.read_text().replace('"cpus": ', '"cpus": 9'))
     with pytest.raises(ValueError, match="takes a new file"):
-        record.resume(path, engines.Case)
+        record.resume(path, Plain)
 
 
 @pytest.mark.parametrize(
@@ -177,11 +174,11 @@ def test_budget_and_files_of_others(tmp_path, capsys):
 )
 def test_errors_before_anything_runs(module, options, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        module.main(module.Config(out=tmp_path / "out.json", **options))
+        module.COMMAND.main(module.Config(out=tmp_path / "out.json", **options))
 
 
 def test_pictures(folder):
     """Of the files that the tests above left, a row without figures among them."""
-    drawn = [plots.draw(path, plots.figures()[path.stem.split("_")[0]]) for path in sorted(folder.glob("*.json"))]
+    drawn = [plots.draw(path, plots.FIGURES[path.stem.split("_")[0]]) for path in sorted(folder.glob("*.json"))]
     assert [path.stem for path in drawn] == ["engines_c", "objects_c", "scaling_c"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)

@@ -1,4 +1,4 @@
-"""Pictures of scripted agents playing: `python -m maax_mjx.benchmarks.scenes --help`."""
+"""Draws scripted agents playing, as the gifs of docs/games.md: python docs/draw_scenes.py --help."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from tqdm import tqdm
 import maax_mjx as maax
 from maax_mjx.tasks.scenes import SCENES
 
-SECONDS, FPS = 5, 20
-"""Of a gif: longer plays are shown faster."""
+SECONDS = 5
+"""Longest gif; longer plays are shown faster."""
+FPS = 20
 SIZE = (440, 360)
+"""Pixels, width and height."""
 
 
 @dataclass
@@ -31,7 +33,7 @@ class Config:
     scene: tuple[str, ...] = tuple(SCENES)
     impl: str = "auto"
     seed: int = 0
-    out: Path = Path("maax-out")
+    out: Path = Path(__file__).parent / "results"
 
 
 def main(config: Config) -> None:

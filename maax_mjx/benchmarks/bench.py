@@ -1,0 +1,159 @@
+"""What benchmarks share: common options, the command line, and the loop that measures and writes what is missing."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import tyro
+from tqdm import tqdm
+
+from maax_mjx.benchmarks import record
+from maax_mjx.benchmarks.record import Measured
+from maax_mjx.common.checks import check_positive
+
+
+@dataclass
+class Options:
+    """Options of all benchmarks.
+
+    Attributes:
+        max_minutes: after so long no further row is begun; a later run with the same `out` goes on.
+        out: JSON file to write; rows that it has already are not measured again. Nothing is written without one.
+    """
+
+    max_minutes: float | None = None
+    out: Path | None = None
+
+    def check(self) -> None:
+        """Refuses what cannot be measured.
+
+        Raises:
+            ValueError: naming the option.
+        """
+        if self.max_minutes is not None:
+            check_positive("max_minutes", self.max_minutes)
+
+
+C = TypeVar("C")
+O = TypeVar("O", bound=Options)  # noqa: E741
+Case = TypeVar("Case")
+R = TypeVar("R", bound=Measured)
+
+
+@dataclass(frozen=True)
+class Command(Generic[C]):
+    """A program with options.
+
+    Attributes:
+        config: dataclass of the options; the docstring of its module describes the program.
+        main: the program.
+    """
+
+    config: type[C]
+    main: Callable[[C], None]
+
+    @property
+    def description(self) -> str:
+        """What the program does, at length."""
+        return sys.modules[self.config.__module__].__doc__ or ""
+
+    def parse(self, args: Sequence[str] | None = None, prog: str | None = None) -> C:
+        """The options that a command line gives.
+
+        Args:
+            args: words of the command line; None takes those of the process.
+            prog: name of the program in its help.
+        """
+        return tyro.cli(self.config, args=args, prog=prog, description=self.description)
+
+    def cli(self) -> None:
+        """Runs the program with the options of the process."""
+        self.main(self.parse())
+
+
+def benchmark(
+    config: type[O],
+    row: type[R],
+    cases: Callable[[O], Iterable[Case]],
+    measure: Callable[[Case, O], R],
+    line: Callable[[R], str],
+    header: str = "",
+) -> Command[O]:
+    """A program that checks its options, measures the cases that its file lacks, and writes and prints each row.
+
+    Args:
+        config: its options.
+        row: its rows; a row has the fields of its case.
+        cases: from the options to dataclasses, the most valuable first.
+        measure: from a case and the options to its row.
+        line: a row of the printed table.
+        header: the first line of that table.
+    """
+
+    def main(options: O) -> None:
+        options.check()
+        rows = record.resume(options.out, row)
+        fill(options, rows, cases(options), lambda case: measure(case, options), line, header)
+
+    return Command(config, main)
+
+
+def fill(
+    options: Options,
+    rows: list[R],
+    cases: Iterable[Case],
+    measure: Callable[[Case], R],
+    line: Callable[[R], str],
+    header: str = "",
+) -> None:
+    """Measures the cases that `rows` lack; writes each row at once, so that an interruption loses none, and prints it.
+
+    Args:
+        options: of the benchmark.
+        rows: those of earlier runs, to which the new ones are added.
+        cases: dataclasses, the most valuable first.
+        measure: from a case to its row.
+        line: a row of the printed table.
+        header: the first line of that table.
+    """
+    run = record.run_of(options)
+    if rows:
+        tqdm.write(f"{options.out} has {len(rows)} rows, which are not measured again")
+    if header:
+        tqdm.write(header)
+    for case in remaining(cases, rows, options.max_minutes):
+        rows.append(replace(measure(case), measured=run))
+        record.write(options.out, rows)
+        tqdm.write(line(rows[-1]))
+
+
+def remaining(cases: Iterable[Case], rows: Sequence[Any], max_minutes: float | None) -> Iterator[Case]:
+    """The cases without a row, under a progress bar, until the minutes are over.
+
+    Args:
+        cases: dataclasses; a row is of a case if it has the values of all its fields.
+        rows: what is measured already.
+        max_minutes: no case is begun later than this.
+    """
+    begun = time.monotonic()
+    todo = [case for case in cases if not any(_is_of(row, case) for row in rows)]
+    for i, case in enumerate(tqdm(todo, unit="row", leave=False)):
+        if max_minutes is not None and time.monotonic() - begun > 60 * max_minutes:
+            tqdm.write(f"stopped after {max_minutes:g} minutes with {len(todo) - i} rows to go; run again to go on")
+            return
+        yield case
+
+
+def _is_of(row: Any, case: Any) -> bool:
+    return all(getattr(row, name) == value for name, value in vars(case).items())
+
+
+def command_line(module: str, **options: Any) -> list[str]:
+    """The command that runs a benchmark in a process of its own."""
+    words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    return [sys.executable, "-m", f"maax_mjx.benchmarks.{module}", *words]
