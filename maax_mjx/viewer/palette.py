@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-Colour = tuple[float, float, float, float]
-"""Red, green, blue and opacity in [0, 1]."""
+from maax_mjx.core.teams import Colour
 
 
 def colour(text: str, opacity: float = 1.0) -> Colour:
@@ -15,7 +14,7 @@ def colour(text: str, opacity: float = 1.0) -> Colour:
 
 
 TEAMS = tuple(colour(text) for text in ("#0072b2", "#d55e00", "#cc79a7", "#56b4e9", "#e69f00", "#f0e442"))
-"""Of teams whose agents were given no colours of their own."""
+"""Colours of teams whose agents were given none, in the order of the teams."""
 DOOR = colour("#009e73")
 IT = colour("#f0e442")
 FLOOR = colour("#f4f3ee")
