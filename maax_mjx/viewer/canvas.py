@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from maax_mjx.common.checks import check_choice, check_positive
+from maax_mjx.common.colours import Colour
 from maax_mjx.core.state import State
-from maax_mjx.core.teams import Colour
 from maax_mjx.modules import Entities
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.palette import blend
@@ -25,7 +25,7 @@ DIMMED = 0.55
 
 @dataclass
 class Marked:
-    """What all layers add to one picture.
+    """Marks of all layers in one picture.
 
     Attributes:
         parts: solids.

@@ -22,9 +22,8 @@ from maax_mjx.viewer.stage import Stage
 DPI = 100
 AROUND = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 49)[:-1]])
 """Horizontal directions, in which the furthest points of a solid are its outline from above."""
-WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0}
-MARK_WIDTH = 2.5
-"""Points: the width of lines; MARK_WIDTH that of other roles."""
+WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0, "mark": 2.5}
+"""Points: the width of lines, by role."""
 
 
 def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None:
@@ -150,7 +149,7 @@ def _draw_line(ax: Axes, line: Line) -> None:
         arrow = dict(arrowstyle="->", color=line.rgba, linewidth=0.9)
         ax.annotate("", tip, foot, arrowprops=arrow, zorder=3.1 + line.points[0, 0, 2])
         return
-    style, width = ":" if line.role == "hold" else "-", WIDTHS.get(line.role, MARK_WIDTH)
+    style, width = ":" if line.role == "hold" else "-", WIDTHS.get(line.role, WIDTHS["mark"])
     for ends in line.points:
         zorder = 5 + ends[0, 2] if line.role == "heading" else 7
         ax.plot(*ends[:, :2].T, color=line.rgba, linewidth=width, linestyle=style, zorder=zorder)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from maax_mjx.core.teams import Colour
+from maax_mjx.common.colours import Colour
 
 UPRIGHT = np.eye(3)
 GAPS = (0.12, 0.34, 0.0)
-"""Between worlds side by side, as a share of their edge; above each is room for its words."""
+"""Shares of a world's edge: the gaps between worlds side by side; above each is room for its words."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from maax_mjx.core.teams import Colour
+from maax_mjx.common.colours import Colour
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.camera import FOVY, place_camera
 from maax_mjx.viewer.gl import open_context
@@ -48,7 +48,7 @@ class Solid:
 
     Raises:
         MissingLibraryError: there is no OpenGL.
-        ValueError: a camera that there is not.
+        ValueError: see `place_camera`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""From a state of an environment to what is to be seen of it."""
+"""The stage: what is to be seen of a state of an environment."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.checks import check_bool
+from maax_mjx.common.colours import Colour
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.core.teams import Colour
 from maax_mjx.modules import Entities
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas, Marked
@@ -67,7 +67,7 @@ class Stage:
 
     @property
     def meshes(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """By their numbers in the model, (n, 3) vertices in metres and (m, 3) faces."""
+        """Vertices (n, 3) in metres and faces (m, 3), by the numbers of the meshes in the model."""
         return self.subject.meshes
 
     @property
@@ -76,7 +76,7 @@ class Stage:
         return self._base.dt
 
     def frame(self, state: State, returns: np.ndarray | None = None) -> Frame:
-        """What there is to see.
+        """The frame of a state.
 
         Args:
             state: of a single world, on the host.
@@ -90,7 +90,7 @@ class Stage:
         return Frame(float(plan.floor_size), parts, marked.lines, marked.labels, text)
 
     def _marked(self, state: State) -> Marked:
-        """What the agents, the ramps and the mechanics add."""
+        """Marks of the agents, the ramps and the mechanics."""
         marked = Marked()
         for draw in (draw_agents, draw_slopes):
             draw(state, Canvas(self.subject, state, marked))

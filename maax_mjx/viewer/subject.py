@@ -1,20 +1,18 @@
-"""What the pictures of one environment are of: its model, its agents and their teams."""
+"""The subject of pictures: an environment's model, its agents and their teams."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
+from maax_mjx.common.colours import Colour
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
-from maax_mjx.core.teams import Colour, Team, make_teams
 from maax_mjx.modules.placed import Placed
-from maax_mjx.viewer import palette
-from maax_mjx.wrappers import TeamMembership, find
 
 
 class Subject:
-    """What is the same in all pictures of an environment.
+    """All that is the same in every picture of an environment.
 
     Args:
         env: the environment.
@@ -25,9 +23,9 @@ class Subject:
         model: the compiled model.
         agents: the module of the agents.
         teams: by name.
-        team: (n_agents,) of every slot, the number of its team.
-        numbers: of every slot, its number within its team.
-        colours: of every slot.
+        team: (n_agents,) the number of every slot's team.
+        numbers: (n_agents,) of every slot, its number within its team.
+        colours: of the agents, by slot.
         kinds: of what worlds have, such as "agent", "box" and "flag".
         meshes: by their numbers in the model, (n, 3) vertices in metres and (m, 3) faces.
 
@@ -38,7 +36,7 @@ class Subject:
     def __init__(self, env: Environment):
         self.env, self.base = check_environment(env), env.base
         self.model, self.agents = self.base.model, self.base.agents
-        self.teams = teams_of(env)
+        self.teams = env.teams
         self.team, self.numbers = np.zeros(self.agents.n_max, int), np.zeros(self.agents.n_max, int)
         for i, team in enumerate(self.teams.values()):
             self.team[list(team.slots)] = i
@@ -51,30 +49,11 @@ class Subject:
         """(n,) the slots of the agents in play."""
         return np.flatnonzero(np.asarray(state.world.active[self.agents.kind]))
 
-    def team_colour(self, team: int) -> Colour:
-        """The colour of a team's first agent."""
-        return self.colours[int(np.flatnonzero(self.team == team)[0])]
-
     def _agent_colours(self) -> list[Colour]:
-        own = self.agents.colors
-        if len(self.teams) > 1 and (own == own[0]).all():
-            own = np.array([palette.TEAMS[team % len(palette.TEAMS)] for team in self.team])
-        return [tuple(row) for row in own.tolist()]
-
-
-def teams_of(env: Environment) -> dict[str, Team]:
-    """The environment's teams by name."""
-    teams: dict[str, Team] | None = getattr(env, "teams", None)
-    if teams is not None:
-        return teams
-    agents, membership = env.base.agents, find(env, TeamMembership)
-    colours: list[Colour] = [tuple(row) for row in agents.colors.tolist()]
-    index = np.asarray(agents.team_index if membership is None else membership.team_index)
-    numbers, index = np.unique(index, return_inverse=True)
-    names = [name.removeprefix("n_") for name in agents.teams]
-    if len(names) != len(numbers) or not np.array_equal(index, agents.team_index):
-        names = [f"team{number}" for number in numbers]
-    return make_teams(names if len(names) > 1 else ["agents"], index, colours)
+        """Their own where they have different ones, else those of the teams."""
+        own: list[Colour] = [tuple(row) for row in self.agents.colors.tolist()]
+        teams = list(self.teams.values())
+        return own if len(set(own)) > 1 else [teams[team].colour for team in self.team]
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""What mechanics add to a picture: each draws itself, the package's own and a user's through the same registry."""
+"""Marks of mechanics in pictures: the package's own and a user's are in one registry."""
 
 from maax_mjx.viewer.marks import flags, grabs, locks, preparation, senses, tag  # noqa: F401  (these register)
 from maax_mjx.viewer.marks.agents import draw_agents

@@ -1,4 +1,4 @@
-"""What agents have on them: eyes, a line ahead for plans, and their number."""
+"""Marks of agents: eyes, a line ahead for plans, and their number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who holds what: hands that reach for it, and a bar over it."""
+"""Marks of held objects: hands that reach for them, and a bar from agent to object."""
 
 from __future__ import annotations
 

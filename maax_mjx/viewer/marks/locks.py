@@ -1,11 +1,11 @@
-"""What is locked: a padlock in the colour of who locked it."""
+"""Marks of locked objects: a padlock in the colour of who locked it."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from maax_mjx.common.colours import Colour
 from maax_mjx.core.state import State
-from maax_mjx.core.teams import Colour
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas
 from maax_mjx.viewer.marks.registry import marks_of

@@ -1,4 +1,4 @@
-"""The preparation phase: how long it lasts, and who waits."""
+"""Marks of the preparation phase: how long it lasts, and who waits."""
 
 from __future__ import annotations
 

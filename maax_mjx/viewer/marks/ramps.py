@@ -1,4 +1,4 @@
-"""Arrows up every ramp, whose slope is hard to see from some sides."""
+"""Marks of ramps: arrows uphill, since slopes are hard to see from some sides."""
 
 from __future__ import annotations
 

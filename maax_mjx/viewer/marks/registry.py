@@ -1,4 +1,4 @@
-"""Which function draws what a mechanic adds to a picture."""
+"""Registry of what draws the mechanics."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _REGISTERED: dict[type[Wrapper], _Registered] = {}
 def marks_of(mechanic: type[Wrapper], *, sense: str | None = None) -> Callable[[D], D]:
     """Registers what draws a mechanic: in `render`, `video` and `replay`, for every layer of its class.
 
-    What is decorated is a function `(layer, state, canvas)`, called for every picture: with the wrapper, a state of a
-    single world on the host, and a `Canvas` that takes solids, lines, labels, words and tints. Or it is a class, made
-    once for each layer with `(layer)` and called with `(state, canvas)`, for what is prepared once.
+    Decorate a function `(layer, state, canvas)`. It is called for every picture and every layer of the class, with the
+    wrapper, the state of a single world on the host, and a `Canvas` that takes solids, lines, labels, words and tints.
+    Or decorate a class, for what is prepared once: it is made with `(layer)`, and called with `(state, canvas)`.
 
-    A layer of a subclass is drawn as its nearest registered class is. Memory is read by `layer.name`, since an
-    environment may have several layers of one class.
+    A layer of a subclass without marks of its own is drawn as its nearest base class is. Read the layer's memory by
+    `layer.name`, since an environment may have several layers of one class.
 
     Example:
         A battery that runs down as agents push, and a bar and a number over each of them:
@@ -58,9 +58,9 @@ def marks_of(mechanic: type[Wrapper], *, sense: str | None = None) -> Callable[[
             def reset(self, key, params=None):
                 return self.remember(self.env.reset(key, params), jnp.ones(self.base.n_agents))
 
-            def step(self, state, action):
+            def transition(self, state, action):
                 left = state.mechanics[self.name] - 0.01 * jnp.abs(action["move"]).mean(axis=1)
-                return self.remember(self.env.step(state, action), jnp.maximum(left, 0.0))
+                return self.remember(self.env.advance(state, action), jnp.maximum(left, 0.0))
 
         @maax.marks_of(Battery)
         def draw_battery(layer, state, canvas):
@@ -73,14 +73,15 @@ def marks_of(mechanic: type[Wrapper], *, sense: str | None = None) -> Callable[[
 
     Args:
         mechanic: a wrapper class.
-        sense: "vision" or "lidar", for marks that are drawn where a picture is asked for them alone; None draws them
-            always.
+        sense: "vision" or "lidar": the argument of `render`, `video` and `replay` that asks for these marks; None draws
+            them always.
 
     Returns:
         The decorator, which gives back what it decorates.
 
     Raises:
-        ValueError: no wrapper class, a class that has marks already, an unknown sense, or what cannot be called.
+        ValueError: not a wrapper class, a class that has marks already, an unknown sense, or something that cannot be
+            called.
     """
     if not isinstance(mechanic, type) or not issubclass(mechanic, Wrapper):
         raise ValueError(f"mechanic: got {_name(mechanic)}; takes a subclass of Wrapper")
@@ -122,10 +123,10 @@ def marks_for(env: Environment, senses: Collection[str] = ()) -> list[Mark]:
         marks.append(Mark(name, draw(layer) if isinstance(draw, type) else partial(draw, layer)))
     for sense in sorted(missing):
         needs = " or ".join(_name(kind) for kind, registered in _REGISTERED.items() if registered.sense == sense)
-        raise ValueError(f"{sense}: got True, and env has no {needs}; takes True for an env with {needs} alone")
+        raise ValueError(f"{sense}: got True, and env has no {needs}; takes True where env has one, else False")
     return marks
 
 
 def _name(thing: Any) -> str:
-    """What a class or function is called, or what something else is."""
+    """The name of a class or function, or a short text for anything else."""
     return getattr(thing, "__name__", described(thing))

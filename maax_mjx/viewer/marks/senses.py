@@ -1,4 +1,4 @@
-"""What agents see, where a picture is asked for it: cones of vision, who sees whom, lidar rays."""
+"""Marks of senses, where a picture is asked for them: cones of vision, who sees whom, lidar rays."""
 
 from __future__ import annotations
 

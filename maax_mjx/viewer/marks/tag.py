@@ -1,4 +1,4 @@
-"""Who is it: a disc over that agent."""
+"""Mark of tag: a disc over the agent that is it."""
 
 from __future__ import annotations
 
