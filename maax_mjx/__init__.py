@@ -63,7 +63,7 @@ from maax_mjx.tasks import (  # noqa: E402
     register,
     tasks,
 )
-from maax_mjx.viewer import Recording, Replay, record, render, replay, video  # noqa: E402
+from maax_mjx.viewer import Recording, Replay, marks_of, record, render, replay, video  # noqa: E402
 from maax_mjx.worldgen import WorldParams  # noqa: E402
 from maax_mjx.wrappers import (  # noqa: E402
     ActionWrapper,
@@ -175,6 +175,7 @@ __all__ = [
     "config_of",
     "jitted",
     "make",
+    "marks_of",
     "middle_placement",
     "outside_quad_placement",
     "poisson_disc",

@@ -24,7 +24,7 @@ from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.physics import IMPLS
 from maax_mjx.viewer import Recording, contact_sheet
-from maax_mjx.viewer.film import pick
+from maax_mjx.viewer.film import select_worlds
 
 SHEET = 12
 HOLD = 24
@@ -104,7 +104,7 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
     compiled = time.perf_counter() - start
     shown = list(range(args.show))
     every = max(1, round(1 / (FPS * env.base.dt)))
-    frames, done, spent = [pick(states, shown)], 0, 0.0
+    frames, done, spent = [select_worlds(states, shown)], 0, 0.0
     bar.reset()
     bar.set_description_str(f"{args.worlds} worlds")
     interrupt.keep()
@@ -119,7 +119,7 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
             bar.update(n)
             bar.set_postfix_str(f"{done * args.worlds / spent:,.0f} env-steps/s")
             if len(frames) < MAX_FRAMES:
-                frames.append(pick(states, shown))
+                frames.append(select_worlds(states, shown))
     recording = Recording.of(frames)
     files = _write(args, overrides, env, states, first, recording)
     return _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}

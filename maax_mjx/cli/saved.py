@@ -17,7 +17,7 @@ from maax_mjx.cli.options import make_env
 from maax_mjx.cli.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import Recording
-from maax_mjx.viewer.film import lean
+from maax_mjx.viewer.film import strip
 
 FORMAT = 1
 META = "meta"
@@ -58,7 +58,7 @@ def load(path: Path) -> tuple[Environment, Recording]:
         raise ValueError(f"file: got {path} of format {meta['format']}; takes format {FORMAT}")
     # Pictures need no engine; which one it is does not matter.
     env = make_env(meta["env"], "c" if jax.default_backend() == "cpu" else "jax", meta["overrides"])
-    template = Recording(lean(env.state_shape), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
+    template = Recording(strip(env.state_shape), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
     missing = sorted(set(_leaves(template)) - set(arrays))
     if missing:
         raise ValueError(

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from maax_mjx.viewer.film import Recording
+from maax_mjx.viewer.marks import marks_of
 from maax_mjx.viewer.record import record
 from maax_mjx.viewer.render import render, video
 from maax_mjx.viewer.replay import Replay, replay
 
 PLAN = ("contact_sheet", "draw_plan")
 
-__all__ = ["Recording", "Replay", "contact_sheet", "draw_plan", "record", "render", "replay", "video"]
+__all__ = ["Recording", "Replay", "contact_sheet", "draw_plan", "marks_of", "record", "render", "replay", "video"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""From where pictures are taken."""
+"""The camera: from where pictures are taken."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def place_camera(
         words: metres of words above the far edge, which are to be in the picture too.
 
     Raises:
-        ValueError: a camera that there is not.
+        ValueError: an unknown camera, or numbers out of range.
     """
     given: dict[str, Any] = {}
     if isinstance(camera, str) and camera in ANGLES:

@@ -32,7 +32,7 @@ class Recording(struct.PyTreeNode):
 
     @classmethod
     def of(cls, frames: Sequence[tuple[State, Any]]) -> Recording:
-        """Of what `pick` gives of every frame."""
+        """The recording of what `select_worlds` gives of every frame."""
         return cls(*_joined(frames))
 
 
@@ -51,7 +51,7 @@ class Film(NamedTuple):
 
     @property
     def edge(self) -> float:
-        """Of the largest floor in metres."""
+        """Metres: the edge of the largest floor."""
         return max(float(state.world.plan.floor_size) for frame in self.states for state in frame)
 
     @property
@@ -76,7 +76,7 @@ def film(env: Environment, states: Any, worlds: Picked) -> Film:
         worlds: which of a batch; None is the first one, or all of a recording.
 
     Raises:
-        ValueError: anything else, no frames, or worlds that there are not.
+        ValueError: anything else, no frames, or indices out of range.
         RuntimeError: states that were donated to a later step.
     """
     known: np.ndarray | None = None
@@ -106,7 +106,7 @@ def one_time(env: Environment, state: Any, worlds: Picked) -> Film:
     """The single frame of some worlds of a state, of one world or a batch.
 
     Raises:
-        ValueError: something else, or worlds that there are not.
+        ValueError: something else, or indices out of range.
     """
     if not isinstance(state, State):
         raise ValueError(f"state: got {type(state).__name__}; takes a state, as reset and step give it")
@@ -124,7 +124,7 @@ def paced(times: np.ndarray, fps: float) -> list[int]:
     return kept if kept[-1] == len(times) - 1 else [*kept, len(times) - 1]
 
 
-def lean(state: State) -> State:
+def strip(state: State) -> State:
     """A state without what pictures do not need."""
     nothing: dict[str, Any] = dict.fromkeys(set(State.__dataclass_fields__) - set(KEPT))
     kept = {name: getattr(state, name) for name in KEPT}
@@ -132,9 +132,9 @@ def lean(state: State) -> State:
 
 
 def _stacked(states: State, worlds: Picked, returns: Any) -> tuple[State, np.ndarray | None]:
-    """Of states with the leading axes (n_frames,) or (n_frames, n_worlds), those of some worlds on the host."""
+    """Some worlds, on the host, of states with the leading axes (n_frames,) or (n_frames, n_worlds)."""
     check_not_donated(states.step)
-    parts = (lean(states), returns)
+    parts = (strip(states), returns)
     if np.ndim(states.step) == 1:
         _only_one(worlds)
         parts = jax.tree.map(lambda x: x[:, None], parts)
@@ -154,7 +154,7 @@ def _listed(states: Any, worlds: Picked) -> tuple[State, np.ndarray | None]:
     for state in states:
         if not isinstance(state, State):
             raise ValueError(f"states: got a list with {type(state).__name__}; takes states, as reset and step give")
-        frames.append(pick(state, worlds))
+        frames.append(select_worlds(state, worlds))
     if not frames:
         raise ValueError("states: got an empty list; takes at least one state")
     alone = {not np.shape(state.step) for state in states}
@@ -169,11 +169,11 @@ def _joined(frames: Sequence[tuple[State, Any]]) -> tuple[State, Any]:
     return jax.tree.map(lambda *x: np.stack(x), *frames)
 
 
-def pick(state: State, worlds: Picked) -> tuple[State, np.ndarray | None]:
+def select_worlds(state: State, worlds: Picked) -> tuple[State, np.ndarray | None]:
     """Some worlds of a state on the host, and their `episode_return` if it has any, with the leading axis (n,)."""
     check_not_donated(state.step)
     shape = np.shape(state.step)
-    parts = (lean(state), state.episode_return if isinstance(state, WorldsState) else None)
+    parts = (strip(state), state.episode_return if isinstance(state, WorldsState) else None)
     if not shape:
         _only_one(worlds)
         return jax.tree.map(lambda x: np.asarray(x)[None], jax.device_get(parts))
@@ -186,17 +186,22 @@ def _take(tree: Any, at: tuple[Any, ...]) -> Any:
     return jax.tree.map(lambda x: x[at], tree)
 
 
-def chosen_worlds(worlds: Picked, n: int) -> np.ndarray:
-    """(k,) indices of worlds among n.
+def chosen_worlds(worlds: Picked, n: int, name: str = "worlds") -> np.ndarray:
+    """Indices (k,) of worlds among n.
+
+    Args:
+        worlds: an index or several; None is the first one.
+        n: how many worlds there are.
+        name: of the argument, for the message.
 
     Raises:
-        ValueError: what is no index, or out of range.
+        ValueError: not an index, or out of range.
     """
     given = 0 if worlds is None else worlds
     index = np.atleast_1d(np.asarray(given))
     whole = index.dtype.kind in "iu" and index.ndim == 1 and index.size
     if not whole or not ((index >= -n) & (index < n)).all():
-        raise ValueError(f"worlds: got {worlds!r}; takes a number below {n}, or a list of such")
+        raise ValueError(f"{name}: got {worlds!r}; takes a number below {n}, or a list of such")
     return index % n
 
 
@@ -206,7 +211,7 @@ def _only_one(worlds: Picked) -> None:
 
 
 def _check_fits(env: Environment, states: State) -> None:
-    """By what is in a world and what its mechanics keep; the engine may be another one."""
+    """Refuses states with other things in a world or other mechanics than env has; the engine may be another one."""
     wanted, got = _shapes(env.state_shape, 0), _shapes(states, 2)
     for name in (*wanted, *got):
         if wanted.get(name) != got.get(name):
@@ -215,7 +220,7 @@ def _check_fits(env: Environment, states: State) -> None:
 
 
 def _shapes(state: State, leading: int) -> dict[str, tuple[int, ...]]:
-    """By names, the shapes of what is in a world and of what its mechanics keep, without some leading axes."""
+    """Shapes of what is in a world and of what its mechanics keep, by name, without some leading axes."""
     parts = {"reward": state.reward, "world": state.world, "mechanics": state.mechanics}
     parts["data"] = {"geom_xpos": state.data.geom_xpos, "qpos": state.data.qpos}
     return {

@@ -43,7 +43,7 @@ PLAN = "take view='plan', which needs none"
 
 
 def backends() -> dict[str, str]:
-    """What `open_context` tries: "works" for the library that it takes, for those before it why they do not."""
+    """The libraries that `open_context` tries: "works" for the one that it takes, a reason for those before it."""
     context, errors = _first(16, 16)
     if context is not None:
         context.free()
@@ -51,7 +51,7 @@ def backends() -> dict[str, str]:
 
 
 def _first(width: int, height: int) -> tuple[Any, dict[str, str]]:
-    """The first context that there is or None, and by library tried what went wrong; "" for the one that works."""
+    """The first context that works or None, and by library tried what went wrong; "" for the one that works."""
     errors: dict[str, str] = {}
     # A process can try no second library after one that works.
     for name in _backends(_chosen()):

@@ -1,21 +1,11 @@
-"""The colours of all pictures: those of Okabe and Ito, which colour-blind people can tell apart."""
+"""Colours of what pictures show besides teams, and how colours mix."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-Colour = tuple[float, float, float, float]
-"""Red, green, blue and opacity in [0, 1]."""
+from maax_mjx.common.colours import Colour, colour
 
-
-def colour(text: str, opacity: float = 1.0) -> Colour:
-    """The colour that a text such as "#0072b2" names."""
-    red, green, blue = (int(text[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    return red, green, blue, opacity
-
-
-TEAMS = tuple(colour(text) for text in ("#0072b2", "#d55e00", "#cc79a7", "#56b4e9", "#e69f00", "#f0e442"))
-"""Of teams whose agents were given no colours of their own."""
 DOOR = colour("#009e73")
 IT = colour("#f0e442")
 FLOOR = colour("#f4f3ee")
@@ -23,7 +13,6 @@ GRID = colour("#dedcd3")
 HIGH_WALL, WALL = colour("#6b7078"), colour("#a9adb3")
 DARK = colour("#333333")
 EYE = colour("#1d1d1f")
-GREY = colour("#b9b9b9")
 SKY = colour("#ffffff")
 
 

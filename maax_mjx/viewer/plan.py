@@ -11,17 +11,19 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
+from matplotlib.patheffects import withStroke
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.viewer import palette
-from maax_mjx.viewer.scene import Frame, Line, Lock, Part, furthest, grid_of
+from maax_mjx.viewer.scene import Frame, Label, Line, Part, furthest, grid_of
 from maax_mjx.viewer.stage import Stage
 
 DPI = 100
 AROUND = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 49)[:-1]])
 """Horizontal directions, in which the furthest points of a solid are its outline from above."""
-WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0}
+WIDTHS = {"heading": 1.2, "hold": 2.5, "ray": 0.4, "sight": 1.0, "mark": 2.5}
+"""Points: the width of lines, by role."""
 
 
 def draw_plan(ax: Axes, env: Environment, state: State, title: str = "") -> None:
@@ -56,12 +58,15 @@ def draw_frame(ax: Axes, stage: Stage, frame: Frame, title: str = "") -> None:
     ax.set_xticks([])
     ax.set_yticks([])
     ax.add_patch(Rectangle((0, 0), edge, edge, color=palette.FLOOR, zorder=0))
+    # Eyes and numbers are too small for a plan, and a lock is drawn where its label is.
     for part in frame.parts:
-        DRAWN.get(part.role, _draw_solid)(ax, stage, part)
+        if part.role not in ("eye", "lock"):
+            DRAWN.get(part.role, _draw_solid)(ax, stage, part)
     for line in frame.lines:
         _draw_line(ax, line)
-    for lock in frame.locks:
-        _draw_lock(ax, lock)
+    for label in frame.labels:
+        if label.role != "number":
+            (_draw_lock if label.role == "lock" else _draw_label)(ax, label)
     if title:
         ax.set_title(title, fontsize=8)
 
@@ -121,7 +126,7 @@ def _draw_site(ax: Axes, stage: Stage, part: Part) -> None:
     ax.add_patch(Rectangle(corner, 2 * size[0], 2 * size[1], **style))
 
 
-def _draw_cone(ax: Axes, stage: Stage, part: Part) -> None:
+def _draw_cone(ax: Axes, part: Part) -> None:
     radius, half = part.shape.size[0], float(np.degrees(part.shape.size[1]))
     ahead = float(np.degrees(np.arctan2(part.rotation[1, 0], part.rotation[0, 0])))
     at = (part.position[0], part.position[1])
@@ -129,6 +134,9 @@ def _draw_cone(ax: Axes, stage: Stage, part: Part) -> None:
 
 
 def _draw_solid(ax: Axes, stage: Stage, part: Part) -> None:
+    if part.shape.kind == "sector":
+        _draw_cone(ax, part)
+        return
     vertices = stage.meshes[part.shape.mesh][0] if part.shape.kind == "mesh" else None
     rim = part.position + furthest(part.shape, AROUND @ part.rotation, vertices) @ part.rotation.T
     style = dict(facecolor=part.shape.rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=3 + part.position[2])
@@ -141,25 +149,25 @@ def _draw_line(ax: Axes, line: Line) -> None:
         arrow = dict(arrowstyle="->", color=line.rgba, linewidth=0.9)
         ax.annotate("", tip, foot, arrowprops=arrow, zorder=3.1 + line.points[0, 0, 2])
         return
-    style = ":" if line.role == "hold" else "-"
+    style, width = ":" if line.role == "hold" else "-", WIDTHS.get(line.role, WIDTHS["mark"])
     for ends in line.points:
         zorder = 5 + ends[0, 2] if line.role == "heading" else 7
-        ax.plot(*ends[:, :2].T, color=line.rgba, linewidth=WIDTHS[line.role], linestyle=style, zorder=zorder)
+        ax.plot(*ends[:, :2].T, color=line.rgba, linewidth=width, linestyle=style, zorder=zorder)
 
 
-def _draw_lock(ax: Axes, lock: Lock) -> None:
-    x, y, z = lock.position
-    style = dict(edgecolor=lock.rgba, facecolor="white", linewidth=1.6, zorder=6 + z)
+def _draw_label(ax: Axes, label: Label) -> None:
+    x, y, _ = label.position
+    rim = [withStroke(linewidth=1.5, foreground="white")]
+    style: dict[str, Any] = dict(color=label.rgba, fontsize=6, ha="center", va="center", clip_on=True)
+    ax.text(x, y, label.text, path_effects=rim, zorder=8, **style)
+
+
+def _draw_lock(ax: Axes, label: Label) -> None:
+    x, y, z = label.position
+    style = dict(edgecolor=label.rgba, facecolor="white", linewidth=1.6, zorder=6 + z)
     ax.add_patch(Circle((x, y + 0.07), 0.055, **style))
-    ax.add_patch(Rectangle((x - 0.09, y - 0.1), 0.18, 0.15, **(style | {"facecolor": lock.rgba})))
-    ax.text(x, y - 0.025, str(lock.owner), color="white", fontsize=5, ha="center", va="center", zorder=6.1 + z)
+    ax.add_patch(Rectangle((x - 0.09, y - 0.1), 0.18, 0.15, **(style | {"facecolor": label.rgba})))
+    ax.text(x, y - 0.025, label.text, color="white", fontsize=5, ha="center", va="center", zorder=6.1 + z)
 
 
-def _nothing(ax: Axes, stage: Stage, part: Part) -> None:
-    """What another mark says in a plan."""
-
-
-DRAWN = {
-    "wall": _draw_wall, "high_wall": _draw_wall, "door": _draw_door, "site": _draw_site, "cone": _draw_cone,
-    "eye": _nothing, "lock": _nothing,
-}  # fmt: skip
+DRAWN = {"wall": _draw_wall, "high_wall": _draw_wall, "door": _draw_door, "site": _draw_site}

@@ -9,7 +9,7 @@ import jax
 from maax_mjx.common.checks import check_count, check_key
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.parallel.rollout import Policy
-from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, pick
+from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, select_worlds
 
 FPS = 30
 
@@ -43,22 +43,19 @@ def record(
         The states after the last step, and the recording, whose first frame is that of `states`.
 
     Raises:
-        ValueError: worlds that there are not, or what `Worlds.rollout` refuses.
+        ValueError: an argument out of its range, or what `Worlds.rollout` refuses.
     """
     if not isinstance(worlds, Worlds):
         raise ValueError(f"worlds: got {type(worlds).__name__}; takes maax.Worlds(env, n_worlds)")
     n_steps = check_count("n_steps", n_steps, minimum=1)
     every = max(1, round(1 / (FPS * worlds.env.base.dt))) if every is None else check_count("every", every, minimum=1)
-    try:
-        chosen_worlds(show, worlds.n_worlds)
-    except ValueError as error:
-        raise ValueError(str(error).replace("worlds:", "show:", 1)) from None
+    chosen_worlds(show, worlds.n_worlds, name="show")
     if not isinstance(states, WorldsState):
         raise ValueError(f"states: got {type(states).__name__}; takes what the worlds' reset, step or rollout gives")
     key = jax.random.key(0) if key is None else key
     check_key("key", key)
-    frames = [pick(states, show)]
+    frames = [select_worlds(states, show)]
     for i in range(-(-n_steps // every)):
         states, _ = worlds.rollout(states, policy, every, *args, key=jax.random.fold_in(key, i))
-        frames.append(pick(states, show))
+        frames.append(select_worlds(states, show))
     return states, Recording.of(frames)

@@ -29,7 +29,7 @@ LARGEST = 8192
 SOON = 2.0
 """Seconds without a bar."""
 COLOURS = 128
-"""Of a gif, which can have 256: fewer make a smaller file, and the worlds have few."""
+"""Colours of a gif, which can have 256: fewer make a smaller file, and the worlds have few."""
 
 Size = tuple[int, int]
 Draw = Callable[[Sequence[Frame]], np.ndarray]
@@ -133,7 +133,7 @@ def video(
 
 def _check(size: Any, view: str, camera: Any) -> None:
     check_choice("view", view, VIEWS)
-    # A plan has no camera, and is no reason to take one that there is not.
+    # A plan has no camera; a wrong one is refused all the same.
     place_camera(camera, np.ones(2), (16, 16))
     if not isinstance(size, tuple | list) or len(size) != 2:
         raise ValueError(f"size: got {size!r}; takes (width, height) in pixels")
@@ -148,7 +148,7 @@ def _frames(stage: Stage, shown: Film, i: int) -> list[Frame]:
 
 @contextmanager
 def _drawing(stage: Stage, shown: Film, size: Size, camera: Any, view: str) -> Iterator[Draw]:
-    """What draws frames: in three dimensions, or flat."""
+    """A function that draws frames: in three dimensions, or flat."""
     from maax_mjx.viewer.solid import Solid
 
     size = (int(size[0]), int(size[1]))

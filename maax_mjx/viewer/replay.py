@@ -206,7 +206,7 @@ class _Page:
         for label in frame.labels:
             self._show_label(world, label, offset, 0.17, "center-center")
         above = np.array([0.0, frame.floor_size, 0.55])
-        words = Label("words", "\n".join(frame.text), above, palette.DARK)
+        words = Label("words", "label", "\n".join(frame.text), above, palette.DARK)
         self._show_label(world, words, offset, 0.036 * frame.floor_size, "bottom-left")
 
     def _show_floor(self, world: str, edge: float, offset: np.ndarray) -> None:

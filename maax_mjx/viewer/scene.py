@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from maax_mjx.viewer.palette import Colour
+from maax_mjx.common.colours import Colour
 
 UPRIGHT = np.eye(3)
 GAPS = (0.12, 0.34, 0.0)
-"""Between worlds side by side, as a share of their edge; above each is room for its words."""
+"""Shares of a world's edge: the gaps between worlds side by side; above each is room for its words."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Part(NamedTuple):
 
     Attributes:
         name: unique in its frame, and the same in all frames.
-        role: "wall", "high_wall", "door", "agent", "hand", "eye", "object", "site", "flag", "lock", "it" or "cone".
+        role: "wall", "high_wall", "door", "agent", "hand", "eye", "object", "site", "flag", "lock", "it", "cone", or
+            "mark" for any other mark.
         shape: what it looks like.
         position: (3,) metres.
         rotation: (3, 3) from its own frame.
@@ -56,7 +57,7 @@ class Line(NamedTuple):
 
     Attributes:
         name: unique in its frame, and the same in all frames.
-        role: "heading", "slope", "hold", "ray" or "sight".
+        role: "heading", "slope", "hold", "ray", "sight", or "mark" for any other mark.
         points: (n, 2, 3) ends in metres.
         rgba: their colour.
         width: metres.
@@ -74,29 +75,16 @@ class Label(NamedTuple):
 
     Attributes:
         name: unique in its frame, and the same in all frames.
+        role: "number" of an agent, which plans leave out; "lock" of who locked something, which plans draw as a padlock
+            with it; or "label" for any other.
         text: what it says.
         position: (3,) metres.
         rgba: its colour.
     """
 
     name: str
+    role: str
     text: str
-    position: np.ndarray
-    rgba: Colour
-
-
-class Lock(NamedTuple):
-    """That an object is locked.
-
-    Attributes:
-        thing: its name.
-        owner: the slot of the agent that locked it.
-        position: (3,) the middle of its upper side in metres.
-        rgba: the owner's colour.
-    """
-
-    thing: str
-    owner: int
     position: np.ndarray
     rgba: Colour
 
@@ -109,18 +97,14 @@ class Frame(NamedTuple):
         parts: all solids but the floor.
         lines: all lines.
         labels: all texts in the world.
-        locks: what is locked; among the parts and labels already.
-        text: lines of words: the time, the phase, what teams get.
-        preparing: whether the preparation phase runs.
+        text: lines of words: the time, what teams get, what mechanics add.
     """
 
     floor_size: float
     parts: list[Part]
     lines: list[Line]
     labels: list[Label]
-    locks: list[Lock]
     text: list[str]
-    preparing: bool
 
     def named(self, role: str) -> list[Part]:
         """The solids of one role."""

@@ -10,10 +10,11 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from maax_mjx.common.colours import Colour
 from maax_mjx.viewer import palette
 from maax_mjx.viewer.camera import FOVY, place_camera
 from maax_mjx.viewer.gl import open_context
-from maax_mjx.viewer.palette import Colour, as_bytes
+from maax_mjx.viewer.palette import as_bytes
 from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline, up
 from maax_mjx.viewer.stage import Stage
 
@@ -47,7 +48,7 @@ class Solid:
 
     Raises:
         MissingLibraryError: there is no OpenGL.
-        ValueError: a camera that there is not.
+        ValueError: see `place_camera`.
     """
 
     def __init__(
@@ -150,6 +151,9 @@ class Solid:
 
     def _add_bar(self, ends: np.ndarray, radius: float, rgba: Colour) -> None:
         way = ends[1] - ends[0]
+        # A bar that ran down to nothing has no direction.
+        if not way.any():
+            return
         size = (radius, float(np.linalg.norm(way)) / 2)
         line = self._add(mujoco.mjtGeom.mjGEOM_CAPSULE, size, ends.mean(axis=0), along(way), rgba)
         line.castshadow = 0

@@ -1,4 +1,4 @@
-"""From a state of an environment to what is to be seen of it."""
+"""The stage: what is to be seen of a state of an environment."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.common.checks import check_bool
+from maax_mjx.common.colours import Colour
+from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
 from maax_mjx.viewer import palette
-from maax_mjx.viewer.marks import Marks
-from maax_mjx.viewer.palette import Colour, blend
-from maax_mjx.viewer.scene import UPRIGHT, Frame, Line, Part, Shape, turned
-from maax_mjx.wrappers import CaptureTheFlag, PreparationPhase, TeamMembership, find
-from maax_mjx.wrappers.teams import SEEKERS
+from maax_mjx.viewer.canvas import Canvas, Marked
+from maax_mjx.viewer.marks import draw_agents, draw_slopes, marks_for
+from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape
+from maax_mjx.viewer.subject import Subject
 
 CUT = 0.51
 """Metres at which higher walls are cut, so that pictures look into the rooms: a little above the others."""
@@ -30,8 +31,6 @@ KINDS = {
     mujoco.mjtGeom.mjGEOM_ELLIPSOID: ("ellipsoid", 3),
     mujoco.mjtGeom.mjGEOM_MESH: ("mesh", 0),
 }
-WAITS = 0.55
-"""How dark seekers are while they wait, and agents that are out: paler, they would look like boxes."""
 
 
 class Stage:
@@ -43,104 +42,63 @@ class Stage:
         lidar: whether to show the rays of `Lidar`, which it needs.
 
     Attributes:
-        meshes: by their numbers in the model, (n, 3) vertices and (m, 3) faces.
-        teams: the names of all teams.
+        subject: the model, its agents and their teams.
 
     Raises:
         ValueError: no environment, or a sense that it does not have.
     """
 
     def __init__(self, env: Environment, *, vision: bool = False, lidar: bool = False):
-        self.env, self.base = check_environment(env), env.base
-        self.model = self.base.model
-        self.agents = self.base.agents
-        membership = find(env, TeamMembership)
-        self.team = np.asarray(self.agents.team_index if membership is None else membership.team_index)
-        self.teams = self._team_names()
-        self.colours = self._agent_colours()
-        self.preparation = find(env, PreparationPhase)
-        self.flags = find(env, CaptureTheFlag)
-        self.geom_names = {self.model.geom(i).name for i in range(self.model.ngeom)}
-        self.marks = Marks(self, vision=vision, lidar=lidar)
-        self.meshes = {int(m): self._mesh(int(m)) for m in np.unique(self.model.geom_dataid) if m >= 0}
-        self._entities = [m for m in self.base.modules.values() if isinstance(m, Entities) and m.n_max]
+        self.subject = Subject(env)
+        self._base, self._agents = self.subject.base, self.subject.agents
+        asked = {"vision": check_bool("vision", vision), "lidar": check_bool("lidar", lidar)}
+        self._marks = marks_for(env, [sense for sense, wanted in asked.items() if wanted])
         self._slot_of = {
             int(geom): (module, int(slot))
-            for module in self._entities
+            for module in self._base.modules.values()
+            if isinstance(module, Entities) and module.n_max
             for geom, slot in zip(module.all_geom_ids, module.slot_of_geom, strict=True)
         }
 
     @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model."""
+        return self.subject.model
+
+    @property
+    def meshes(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Vertices (n, 3) in metres and faces (m, 3), by the numbers of the meshes in the model."""
+        return self.subject.meshes
+
+    @property
     def dt(self) -> float:
         """Seconds of one env step."""
-        return self.base.dt
+        return self._base.dt
 
     def frame(self, state: State, returns: np.ndarray | None = None) -> Frame:
-        """What there is to see.
+        """The frame of a state.
 
         Args:
             state: of a single world, on the host.
             returns: (n_agents,) reward summed over the running episode, where it is known.
         """
-        plan = state.world.plan
+        plan, marked = state.world.plan, self._marked(state)
         sizes = self._sizes(state)
-        solids = [part for geom in range(self.model.ngeom) for part in self._solid(state, geom, sizes[geom])]
-        marks = self.marks(state)
-        parts = [*self._doors(plan), *solids, *self._sites(state), *marks.parts]
-        # A hand that holds something is where the mark says.
-        parts = list({part.name: part for part in parts}.values())
-        lines = [*self._headings(state), *marks.lines]
-        text = self._text(state, returns)
-        preparing = self.preparing(state)
-        return Frame(float(plan.floor_size), parts, lines, marks.labels, marks.locks, text, preparing)
+        solids = [part for geom in range(self.model.ngeom) for part in self._solid(state, marked, geom, sizes[geom])]
+        parts = [*self._doors(plan), *solids, *self._sites(state, marked), *marked.parts]
+        text = [*self._text(state, marked, returns), *marked.words]
+        return Frame(float(plan.floor_size), parts, marked.lines, marked.labels, text)
 
-    def preparing(self, state: State) -> bool:
-        """Whether the preparation phase runs."""
-        return self.preparation is not None and int(state.step) < self.preparation.n_steps
+    def _marked(self, state: State) -> Marked:
+        """Marks of the agents, the ramps and the mechanics."""
+        marked = Marked()
+        for draw in (draw_agents, draw_slopes):
+            draw(state, Canvas(self.subject, state, marked))
+        for mark in self._marks:
+            mark.draw(state, Canvas(self.subject, state, marked, mark.layer))
+        return marked
 
-    def position(self, state: State, body: int) -> np.ndarray:
-        """(3,) metres, in float64."""
-        return np.asarray(state.data.xpos[body], float)
-
-    def heading(self, state: State, agent: int) -> float:
-        """Radians from the x axis to where an agent faces."""
-        return float(state.data.qpos[self.agents.qpos_ids[agent, 3]]) - np.pi / 2
-
-    def playing(self, state: State) -> np.ndarray:
-        """(n,) the slots of the agents in play."""
-        return np.flatnonzero(np.asarray(state.world.active[self.agents.kind]))
-
-    def _team_names(self) -> list[str]:
-        names = list(self.agents.team_sizes)
-        given = self.agents.team_index
-        if len(names) > 1 and np.array_equal(self.team, given):
-            return names
-        return ["agents"] if self.team.max() == 0 else [f"team {i}" for i in range(self.team.max() + 1)]
-
-    def _agent_colours(self) -> list[Colour]:
-        own = self.agents.colors
-        if len(np.unique(self.team)) > 1 and (own == own[0]).all():
-            own = np.array([palette.TEAMS[team % len(palette.TEAMS)] for team in self.team])
-        return [tuple(row) for row in own.tolist()]
-
-    def team_colour(self, team: int) -> Colour:
-        """That of its first agent."""
-        slots = np.flatnonzero(self.team == team)
-        return self.colours[slots[0]] if len(slots) else palette.GREY
-
-    def _colour(self, state: State, agent: int) -> Colour:
-        waits = self.preparing(state) and self.team[agent] == SEEKERS
-        if self.flags is not None:
-            waits |= bool(state.mechanics[self.flags.name].out[agent])
-        return blend(self.colours[agent], palette.DARK, WAITS) if waits else self.colours[agent]
-
-    def _mesh(self, mesh: int) -> tuple[np.ndarray, np.ndarray]:
-        model = self.model
-        vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
-        faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
-        return np.array(model.mesh_vert[vertices]), np.array(model.mesh_face[faces])
-
-    def _solid(self, state: State, geom: int, size: np.ndarray) -> list[Part]:
+    def _solid(self, state: State, marked: Marked, geom: int, size: np.ndarray) -> list[Part]:
         kind, n_size = KINDS.get(mujoco.mjtGeom(self.model.geom_type[geom]), ("", 0))
         position = np.asarray(state.data.geom_xpos[geom], float)
         if not kind or position[2] < GONE:
@@ -153,11 +111,9 @@ class Stage:
             module, slot = self._slot_of[geom]
             if not state.world.active[module.kind][slot]:
                 return []
-            if module is self.agents:
-                role = "agent" if geom == module.geom_ids[slot] else "hand"
-                rgba = self._colour(state, slot)
-            else:
-                rgba = self.marks.tint(state, module, slot, rgba)
+            if module is self._agents:
+                role, rgba = "agent" if geom == module.geom_ids[slot] else "hand", self.subject.colours[slot]
+            rgba = marked.tinted(module.kind, slot, rgba)
         elif kind == "box":
             role, rgba = "wall", palette.WALL
             if position[2] + size[2] > 2 * CUT:
@@ -165,13 +121,15 @@ class Stage:
                 position, size = np.append(position[:2], CUT / 2), np.append(size[:2], CUT / 2)
         mesh = int(self.model.geom_dataid[geom]) if kind == "mesh" else -1
         shape = Shape(kind, tuple(round(s, 4) for s in size[:n_size].tolist()), rgba, mesh)
-        return [Part(name, role, shape, position, rotation)]
+        # A hand that holds something is where its mark says.
+        instead = marked.replaced.get(name)
+        return [instead._replace(role=role) if instead else Part(name, role, shape, position, rotation)]
 
     def _sizes(self, state: State) -> np.ndarray:
         """(n_geoms, 3) of this world."""
         sizes = self.model.geom_size.copy()
-        if "geom_size" in self.base.overlay:
-            sizes[self.base.overlay["geom_size"]] = state.world.fields["geom_size"]
+        if "geom_size" in self._base.overlay:
+            sizes[self._base.overlay["geom_size"]] = state.world.fields["geom_size"]
         return sizes
 
     def _doors(self, plan: Any) -> list[Part]:
@@ -186,47 +144,36 @@ class Stage:
             parts.append(Part(f"door{i}", "door", shape, np.array([x, y, DOOR_HEIGHT / 2]), UPRIGHT))
         return parts
 
-    def _sites(self, state: State) -> list[Part]:
+    def _sites(self, state: State, marked: Marked) -> list[Part]:
         parts = []
-        for kind, module in self.base.sites.items():
+        for kind, module in self._base.sites.items():
             extents = np.asarray(module.extents_of(state.world), float)
             for slot in np.flatnonzero(np.asarray(state.world.active[kind])):
                 half = extents[slot] / 2
                 flat = module.is_round and half[2] < half[0] / 2
                 size = (half[0], half[2]) if flat else (half[0],) if module.is_round else tuple(half)
-                rgba = module.rgba if self.flags is None or kind != "flag" else self.team_colour(int(slot))
+                rgba = marked.tinted(kind, int(slot), module.rgba)
                 form = "cylinder" if flat else "sphere" if module.is_round else "box"
                 shape = Shape(form, tuple(round(float(s), 4) for s in size), rgba)
                 position = np.asarray(state.world.sites[kind][slot], float)
                 parts.append(Part(module.names[slot], "site", shape, position, UPRIGHT))
         return parts
 
-    def _headings(self, state: State) -> list[Line]:
-        lines = []
-        for agent in self.playing(state):
-            centre = self.position(state, self.agents.body_ids[agent])
-            front = turned(self.heading(state, agent))[:, 0]
-            points = np.array([[centre, centre + 0.28 * front]])
-            lines.append(Line(f"{self.agents.names[agent]}:heading", "heading", points, palette.DARK, 0.02))
-        return lines
-
-    def _text(self, state: State, returns: np.ndarray | None) -> list[str]:
-        step = int(state.step)
-        text = [f"{step * self.dt:.2f} s"]
-        if self.preparation is not None and self.preparing(state):
-            text[0] += f"   preparation, {(self.preparation.n_steps - step) * self.dt:.1f} s left"
-        playing = self.playing(state)
-        for team, name in enumerate(self.teams):
-            members = playing[self.team[playing] == team]
+    def _text(self, state: State, marked: Marked, returns: np.ndarray | None) -> list[str]:
+        """The time, and what every team gets."""
+        text = ["   ".join([f"{int(state.step) * self.dt:.2f} s", *marked.notes])]
+        teams, playing = self.subject.teams, self.subject.playing(state)
+        for name, team in teams.items():
+            members = playing[np.isin(playing, team.slots)]
             if not len(members):
                 continue
             # Of a single team the sum says little: in tag it is zero.
-            each = len(self.teams) == 1
+            each = len(teams) == 1
             words = f"{name} {_numbers(state.reward, members, each)}"
             if returns is not None:
                 words += f"   sum {_numbers(returns, members, each)}"
             text.append(words)
-        return text + self.marks.words(state)
+        return text
 
 
 def _numbers(values: Any, members: np.ndarray, each: bool) -> str:
