@@ -381,7 +381,8 @@ def test_draws_are_shared_where_asked(drawn):
             value = field(env, state, name, rows[name])
             value = value.reshape(N, value.shape[1], -1)[..., -1 if name == "geom_size" else 0]
             both = active(state, "box")[:, 1] if name in single["boxes"] else slice(None)
-            assert abs(stats.spearmanr(value[both, 0], value[both, 1]).statistic) < 5.5 / np.sqrt(len(value[both])), (
+            rank = stats.spearmanr(value[both, 0], value[both, 1]).statistic
+            assert abs(rank) < 5.5 / np.sqrt(len(value[both])), name
                 name
             )
 
