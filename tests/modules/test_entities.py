@@ -383,8 +383,6 @@ def test_draws_are_shared_where_asked(drawn):
             both = active(state, "box")[:, 1] if name in single["boxes"] else slice(None)
             rank = stats.spearmanr(value[both, 0], value[both, 1]).statistic
             assert abs(rank) < 5.5 / np.sqrt(len(value[both])), name
-                name
-            )
 
 
 def test_cylinders_can_be_pushed(zoo, batch_step):
