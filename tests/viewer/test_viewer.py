@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import re
 import sys
 
@@ -33,7 +34,7 @@ SHOWN = [2, 0]
 @pytest.fixture(scope="module")
 def env():
     return maax.make(
-        "hide_and_seek", impl="c", n_hiders=(1, 2), n_seekers=1, n_boxes=(1, 2), n_elongated_boxes=(0, 2), n_ramps=1,
+        "hide_and_seek", impl="c", n_hiders=(1, 2), n_seekers=1, n_boxes=(1, 2), n_elongated_boxes=(1, 2), n_ramps=1,
         horizon=HORIZON, prep_fraction=PREPARATION / HORIZON, cone=2.0, lidar=LidarConfig(n_rays=7, range=3.0),
         lock=LockConfig(), grab=GrabConfig(), observations="raw", stats=False, p_door_dropout=0.5,
     )  # fmt: skip
@@ -47,7 +48,8 @@ def played(env):
     began = jax.device_get(first.data.qpos)
 
     def policy(state, key):
-        return env.sample_action(key)
+        action = env.sample_action(key)
+        return action | {"move": action["move"].at[..., 2].set(1.0)}  # everyone turns all the time
 
     _, recording = maax.record(worlds, first, policy, N_STEPS, show=SHOWN, every=1)
     return began, recording
@@ -127,15 +129,14 @@ def test_ramps_have_their_corners_and_point_uphill(env, one):
 def test_sizes_are_those_of_the_world(env, recording):
     """Elongated boxes have extents of their own, which the compiled model does not have."""
     stage = Stage(env)
-    sizes = set()
+    compiled = 2 * env.base.model.geom("box0").size
     for states in film(env, recording, None).states[::HORIZON]:
         for state in states:
+            assert not np.allclose(state.world.extents["box"][0], compiled, atol=0.1), "the first is elongated"
             parts = {part.name: part for part in stage.frame(state).parts}
             for slot in np.flatnonzero(state.world.active["box"]):
                 size = parts[f"box{slot}"].shape.size
                 np.testing.assert_allclose(2 * np.array(size), state.world.extents["box"][slot], atol=1e-3)
-                sizes.add(size)
-    assert len(sizes) > 1
 
 
 def test_locks_are_marked_with_their_owners(env, one):
@@ -250,8 +251,8 @@ def test_moments_between_frames_are_on_the_way(env, recording):
     np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-5)
     ways = [Rotation.from_matrix(s.data.geom_xmat.reshape(-1, 3, 3)) for s in (first, second, after)]
     whole = (ways[2] * ways[0].inv()).magnitude()
-    np.testing.assert_allclose((ways[1] * ways[0].inv()).magnitude(), whole / 3, atol=1e-3)
-    assert whole.max() > 0.05
+    np.testing.assert_allclose((ways[1] * ways[0].inv()).magnitude(), whole / 3, rtol=0.02, atol=1e-3)
+    assert whole.max() > 0.1
     # An episode ended in the second gap: nothing is between.
     resets = [i for i in range(1, len(made.times)) if int(made.states[i][0].step) < int(made.states[i - 1][0].step)]
     assert resets == [6]
@@ -278,16 +279,8 @@ def test_senses_are_drawn_as_they_are(env, one):
     assert not Stage(env).frame(one).named("cone")
 
 
-@pytest.fixture(scope="module")
-def picture(env, recording):
-    try:
-        return maax.render(env, recording_frame(recording), camera="top", size=(300, 300), view="3d")
-    except maax.MissingLibraryError as error:
-        pytest.skip(f"no OpenGL: {error}")
-
-
-def recording_frame(recording, t=PREPARATION + 1):
-    return jax.tree.map(lambda x: x[t, 1], recording.states)
+def recording_frame(recording, t=PREPARATION + 1, world=1):
+    return jax.tree.map(lambda x: x[t, world], recording.states)
 
 
 def centre_of(image, colour, size):
@@ -296,21 +289,27 @@ def centre_of(image, colour, size):
     want = (blue - red > 60) if colour == "blue" else (red - blue > 110) & (green < 120)
     y, x = np.nonzero(want)
     assert len(x) > 20, f"no {colour}"
-    return x.mean() / size, 1 - y.mean() / size
+    return np.array([x.mean() / size, 1 - y.mean() / size])
 
 
 @pytest.mark.parametrize("view", ["3d", "plan"])
-def test_agents_are_where_they_are_and_not_mirrored(env, recording, picture, view):
-    state = recording_frame(recording)
-    image = picture if view == "3d" else maax.render(env, state, size=(300, 300), view="plan")
-    assert image.shape == (300, 300, 3)
-    assert image.dtype == np.uint8
-    xpos = state.data.xpos[env.base.agents.body_ids]
-    hiders = xpos[:2][state.world.active["agent"][:2]].mean(axis=0)
-    blue, orange = centre_of(image, "blue", 300), centre_of(image, "orange", 300)
-    apart = (np.array(orange) - blue) / (xpos[2] - hiders)[:2]
+def test_agents_are_where_they_are_and_not_mirrored(env, recording, view):
+    """From the hiders to the seeker, in four layouts: shares of the picture by metres, along x and along y."""
+    ways, metres = [], []
+    for t, world in itertools.product((PREPARATION + 1, HORIZON + PREPARATION + 1), (0, 1)):
+        state = recording_frame(recording, t, world)
+        try:
+            image = maax.render(env, state, camera="top" if view == "3d" else "default", size=(300, 300), view=view)
+        except maax.MissingLibraryError as error:
+            pytest.skip(f"no OpenGL: {error}")
+        assert image.shape == (300, 300, 3)
+        assert image.dtype == np.uint8
+        xpos = state.data.xpos[env.base.agents.body_ids]
+        metres.append((xpos[2] - xpos[:2][state.world.active["agent"][:2]].mean(axis=0))[:2])
+        ways.append(centre_of(image, "orange", 300) - centre_of(image, "blue", 300))
+    slope = np.sum(np.array(ways) * metres, axis=0) / np.sum(np.square(metres), axis=0)
     # A floor of 6 m takes most of the picture.
-    assert ((apart > 0.08) & (apart < 0.17)).all(), apart
+    assert ((slope > 0.08) & (slope < 0.17)).all(), slope
 
 
 def test_worlds_are_side_by_side(env, recording):
@@ -403,8 +402,15 @@ def test_films_last_as_long_as_the_play(env, recording, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def page(env, recording):
-    return maax.replay(env, recording, worlds=[0], speed=0.05)
+def shown(env, recording):
+    """The world whose seeker is further off at step 20, in its second episode, than it was at step 8, in its first."""
+    seeker = recording.states.data.xpos[:, :, env.base.agents.body_ids[2], :2]
+    return int(np.linalg.norm(seeker[20] - seeker[8], axis=-1).argmax())
+
+
+@pytest.fixture(scope="module")
+def page(env, recording, shown):
+    return maax.replay(env, recording, worlds=[shown], speed=0.05)
 
 
 def test_the_page_holds_all_it_needs(page, tmp_path):
@@ -429,11 +435,12 @@ def test_a_page_is_made_inside_a_running_event_loop(env, recording, capfd):
 
 
 @needs_browser
-def test_a_browser_without_network_shows_the_page_moving(env, recording, page, tmp_path):
+def test_a_browser_without_network_shows_the_page_moving(env, recording, shown, page, tmp_path):
     """The page from a file, and in the frame of a notebook's cell: both show the seeker where it is at other times."""
     page.save(tmp_path / "page.html")
     (tmp_path / "cell.html").write_text(f"<!DOCTYPE html><body>{page._repr_html_()}</body>")
-    seeker = recording.states.data.xpos[:, 0, env.base.agents.body_ids[2], :2]
+    agents = recording.states.data.xpos[:, shown][:, env.base.agents.body_ids, :2]
+    seeker = agents[:, 2]
     with browser(tmp_path / "profile") as driver:
         for name in ("page", "cell"):
             driver.get((tmp_path / f"{name}.html").as_uri())
@@ -444,12 +451,15 @@ def test_a_browser_without_network_shows_the_page_moving(env, recording, page, t
             early, late = seen_at(driver, "0.8"), seen_at(driver, "2.0")
             moved = seeker_in(late) - seeker_in(early)
             expected = seeker[20] - seeker[8]
-            assert np.linalg.norm(expected) > 0.5
+            assert np.linalg.norm(expected) > 0.3
             # Seen from the south and above, lengths along y are shorter, and y points up.
             away = expected * [1.0, -np.sin(np.radians(55))]
             assert moved @ away > 0.95 * np.linalg.norm(moved) * np.linalg.norm(away), name
             for image, step in ((early, 8), (late, 20)):
-                assert hiders_in(image) == recording.states.world.active["agent"][step, 0, :2].sum(), (name, step)
+                hiders = recording.states.world.active["agent"][step, shown, :2].sum()
+                # Two that are close to each other may be one spot.
+                apart = hiders == 1 or np.linalg.norm(agents[step, 0] - agents[step, 1]) > 1
+                assert (hiders if apart else 1) <= hiders_in(image) <= hiders, (name, step)
             if name == "page":
                 np.testing.assert_allclose(seeker_in(seen_at(driver, "0.8")), seeker_in(early), atol=2)
 

@@ -155,7 +155,7 @@ def gripping(carrying, gap, n_seekers=0):
     qpos[:, agents[0, :2]] = 3.0 - 0.25 - gap, 3.05
     if n_seekers:
         qpos[:, agents[1, :2]] = 3.0 + 0.25 + gap, 2.95
-    return state.replace(data=pose(state.world, state.data.replace(qpos=jnp.asarray(qpos))))
+    return state.replace(data=pose(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos))))
 
 
 def run(carrying, state, moves, grab):
@@ -266,7 +266,7 @@ def game():
         qpos = np.array(states.data.qpos)
         for name, poses in (("agents", agents), ("boxes", boxes)):
             qpos[:, env.base.modules[name].qpos_ids[:, [0, 1, 3]]] = poses
-        return states.replace(data=pose(states.world, states.data.replace(qpos=jnp.asarray(qpos))))
+        return states.replace(data=pose(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos))))
 
     return env, states, place, jax.jit(jax.vmap(env.step))
 

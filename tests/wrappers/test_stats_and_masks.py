@@ -55,13 +55,13 @@ def start(sensing):
         )
         qpos[:, module.qpos_ids[:, 3]] = rng.uniform(-np.pi, np.pi, there.shape) * (name == "agents")
     pose = jax.jit(jax.vmap(sensing.base.engine.pose))
-    return states.replace(data=pose(states.world, states.data.replace(qpos=jnp.asarray(qpos))))
+    return states.replace(data=pose(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos))))
 
 
 def play(env):
     """The states of an episode under forces that change every 6 steps, locking the boxes at times, from reset on."""
     step = jax.jit(jax.vmap(env.step))
-    states = [jax.jit(jax.vmap(env.reset))(jax.vmap(seeds.key)(jnp.arange(N_WORLDS)))]
+    states = [jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))]
     rng, moves = seeds.rng(1), []
     for t in range(N_STEPS + 1):
         if t % 6 == 0:
@@ -167,7 +167,7 @@ def test_stats_of_anything(prep_steps, sensing, start):
     env = Given(sensing, start)
     env = maax.TrackStats(env if prep_steps is None else maax.PreparationPhase(env, PREP / HORIZON))
     look, rng = jax.jit(jax.vmap(env.look)), seeds.rng(5)
-    state = jax.jit(jax.vmap(env.reset))(jax.vmap(seeds.key)(jnp.arange(N_WORLDS)))
+    state = jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))
     there = {kind: np.asarray(x) for kind, x in start.world.active.items()}
     both = there["agent"][:, :, None] & there["agent"][:, None]
     lockable = np.concatenate([there["box"], there["ramp"]], axis=1)

@@ -391,17 +391,32 @@ def towards(at, goal, force):
     return [*push, 0.0]
 
 
+def door_of(played):
+    """(2,) the middle of the door between the halves."""
+    return np.asarray(played[0].world.plan.doors)[0, :2]
+
+
+def beside_the_flag(played):
+    """(2,) a place by the upper wall, 1.5 m to that side of the door on which there is more room."""
+    x = door_of(played)[0]
+    return (x + 1.5 if x < FLOOR / 2 else x - 1.5, 5.6)
+
+
 def play(game, played, seeker_from, seeker_goes):
-    """Agent 0 walks through the door, to the flag, and back; yields every state, checked against the oracle."""
+    """Agent 0 walks through the door, to the flag, and back; yields every state, checked against the oracle.
+
+    The flags are straight below and above the door.
+    """
     state, step = played
-    agents = game.base.agents
-    base, door = np.asarray(state.world.sites["flag"])[:, :2], np.asarray(state.world.plan.doors)[0, :2]
-    assert base[0, 1] < FLOOR / 2 < base[1, 1]
-    ids = agents.qpos_ids[3, :2]
-    state = state.replace(data=state.data.replace(qpos=state.data.qpos.at[ids].set(jnp.asarray(seeker_from))))
+    agents, door = game.base.agents, door_of(played)
+    base = np.array([[door[0], 1.0], [door[0], 5.0]], np.float32)
+    flags = state.world.sites["flag"].at[:, :2].set(base)
+    qpos = state.data.qpos.at[agents.qpos_ids[[0, 3], :2]].set(jnp.array([[door[0], 1.5], seeker_from]))
+    world = state.world.replace(sites=state.world.sites | {"flag": flags})
+    state = state.replace(world=world, data=state.data.replace(qpos=qpos))
     active = np.asarray(state.world.active["agent"])
     equal(active, [True, False, False, True, False])
-    oracle = CaptureOracle(active, np.asarray(state.world.sites["flag"]), FLOOR)
+    oracle = CaptureOracle(active, np.asarray(flags), FLOOR)
     step_off = np.array([0, 0.4])
     low, high = door - step_off, door + step_off
     goals = [low, high, base[1], high, low, base[0]]
@@ -423,8 +438,8 @@ def play(game, played, seeker_from, seeker_goes):
 
 
 def test_a_flag_is_carried_home(game, played):
-    """The other team's agent stands in a corner."""
-    states = list(play(game, played, (5.6, 5.6), lambda state, at: np.zeros(3)))
+    """The other team's agent stands by."""
+    states = list(play(game, played, beside_the_flag(played), lambda state, at: np.zeros(3)))
     carries = np.array([float(s.obs["carries"][0, 0]) for s in states])
     equal(np.flatnonzero(np.diff(carries)), [carries.argmax() - 1, len(states) - 2])
     assert 50 < carries.sum() < len(states) - 50
@@ -441,8 +456,7 @@ def test_a_carrier_is_tagged(game, played):
         taken = state.obs["carries"][0, 0] and not state.obs["is_out"][0, 0]
         return towards(at[3], at[0], 0.9) if taken else np.zeros(3)
 
-    door = np.asarray(played[0].world.plan.doors)[0, :2]
-    states = list(play(game, played, (min(door[0] + 1.5, 5.6), 5.6), hunt))
+    states = list(play(game, played, beside_the_flag(played), hunt))
     carries, out = (np.array([float(s.obs[name][0, 0]) for s in states]) for name in ("carries", "is_out"))
     tagged = int(out.argmax())
     assert carries[tagged - 1]
