@@ -13,8 +13,7 @@ from gymnasium import spaces
 from mujoco.batch import Batch
 
 import maax_mjx as maax
-from maax_mjx.core.env import Base
-from maax_mjx.core.env import Environment
+from maax_mjx.core.env import Base, Environment
 from maax_mjx.core.state import State
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import Data, Fields

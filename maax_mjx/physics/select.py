@@ -12,7 +12,6 @@ from maax_mjx.common.runtime import import_mjx
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.fields import Overlay
 
-
 IMPLS = ("auto", "c", "jax", "warp")
 
 

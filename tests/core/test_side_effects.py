@@ -92,7 +92,7 @@ def test_a_copy_of_a_module_belongs_to_nobody():
     env = maax.make("standard", impl="c")
     box = copy.deepcopy(env.base.modules["box"])
     with pytest.raises(RuntimeError, match=r"Boxes: is in no environment yet; .*env.add_module\(Boxes"):
-        box.qpos_ids
+        _ = box.qpos_ids
 
 
 def test_what_cannot_be_copied_is_named():
@@ -142,7 +142,7 @@ def test_ids_follow_the_model():
 
 def test_ids_of_a_module_without_an_environment():
     with pytest.raises(RuntimeError, match=r"Agents: is in no environment yet; add it to one first"):
-        maax.Agents(2).ctrl_ids
+        _ = maax.Agents(2).ctrl_ids
 
 
 # --- actions ---------------------------------------------------------------------------------------------------------

@@ -12,7 +12,14 @@ N = 32
 
 
 def observed(observations, observe):
-    env = maax.make("hide_and_seek_full", impl="c", observations=observations, observe=observe, n_boxes=(3, 5), n_elongated_boxes=(1, 3))
+    env = maax.make(
+        "hide_and_seek_full",
+        impl="c",
+        observations=observations,
+        observe=observe,
+        n_boxes=(3, 5),
+        n_elongated_boxes=(1, 3),
+    )
     state = jax.device_get(jax.jit(jax.vmap(env.reset))(jax.random.split(key(0), N)))
     return env, state
 

@@ -68,7 +68,9 @@ def moved(env, state, angle, shift):
     data = data.replace(qpos=qpos, qvel=qvel, xpos=points(data.xpos), geom_xpos=points(data.geom_xpos),
                         geom_xmat=mats, xquat=multiply(quat, np.asarray(data.xquat)))  # fmt: skip
     world = world.replace(plan=world.plan.replace(doors=doors), sites=sites)
-    floats = jax.tree.map(lambda x: np.asarray(x, np.float32) if np.asarray(x).dtype == np.float64 else x, (data, world))
+    floats = jax.tree.map(
+        lambda x: np.asarray(x, np.float32) if np.asarray(x).dtype == np.float64 else x, (data, world)
+    )
     return state.replace(data=floats[0], world=floats[1])
 
 
