@@ -45,11 +45,13 @@ class Wrapper(Environment):
     def __init__(self, env: Environment):
         self.env = check_environment(env)
         mine = type(self).__name__
-        if type(self).step is not Environment.step:
-            raise ValueError(
-                f"step: {mine} overrides it; takes `transition(state, action)` instead, which `step` calls with a "
-                "checked action: in it, self.env.advance(state, action) is the step of what is wrapped"
-            )
+        for layer in (self, env):
+            if type(layer).step is not Environment.step:
+                other = type(layer).__name__
+                raise ValueError(
+                    f"step: {other} overrides it; takes `transition(state, action)` instead, which `step` calls with a "
+                    "checked action: in it, self.env.advance(state, action) is the step of what is wrapped"
+                )
         for kind in self.requires:
             self.inner(kind)
         for layer in layers(env):

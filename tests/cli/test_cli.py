@@ -51,7 +51,7 @@ def test_a_saved_rollout_is_what_was_played(played):
     env, recording = load(played[0] / "rollout.npz")
     grabs = maax.wrappers.find(env, maax.GrabObjects)
     assert grabs is not None
-    assert (grabs.exclusive, env.base.modules["boxes"].n_max) == (True, 2)
+    assert (grabs.exclusive, env.base.modules["box"].n_max) == (True, 2)
     assert recording.states.step.shape == (4, 2)
     assert recording.states.step[:, 0].tolist() == [recording.states.step[0, 0] + i for i in (0, 8, 16, 20)]
     heights = recording.states.data.xpos[:, :, env.base.agents.body_ids, 2]

@@ -43,8 +43,8 @@ class Broken(Base):
             out = out.replace(reward=out.reward + float(self.calls > 1))
         return out
 
-    def step(self, state, action):
-        out = super().step(state, action)
+    def transition(self, state, action):
+        out = super().transition(state, action)
         match self.wrong:
             case "dtype":
                 return out.replace(reward=out.reward.astype(jnp.int32))

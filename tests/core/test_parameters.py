@@ -27,7 +27,7 @@ def readings(env, state):
         value = value if value.ndim == 2 else value[..., column]
         return np.where(active(state, kind), value, np.nan)
 
-    agents, boxes, ramps, cylinders = (module[n] for n in ("agents", "boxes", "ramps", "cylinders"))
+    agents, boxes, ramps, cylinders = (module[n] for n in ("agent", "box", "ramp", "cylinder"))
     size = 2 * field(env, state, "geom_size", boxes.geom_ids)
     long = (np.abs(size[..., 0] - size[..., 1]) > 1e-4) & active(state, "box")
     corners = np.ptp(np.asarray(state.obs["construction_site_corner_pos"]), axis=2)
@@ -46,17 +46,17 @@ def readings(env, state):
         "gravity": state.world.fields["opt.gravity"],
         "n_hiders": team[:, 0],
         "n_seekers": team[:, 1],
-        "agent_friction": of("agents", "agent", "geom_friction", agents.geom_ids, 0),
-        "agent_damping": of("agents", "agent", "dof_damping", agents.qvel_ids[:, 0], 0),
-        "agent_gear": of("agents", "agent", "actuator_gear", agents.ctrl_ids.reshape(6, 3)[:, 0], 0),
-        "box_friction": of("boxes", "box", "geom_friction", boxes.geom_ids, 0),
-        "box_size": of("boxes", "box", "geom_size", boxes.geom_ids, 2) * 2,
-        "box_mass": of("boxes", "box", "body_mass", boxes.body_ids, 0),
+        "agent_friction": of("agent", "agent", "geom_friction", agents.geom_ids, 0),
+        "agent_damping": of("agent", "agent", "dof_damping", agents.qvel_ids[:, 0], 0),
+        "agent_gear": of("agent", "agent", "actuator_gear", agents.ctrl_ids.reshape(6, 3)[:, 0], 0),
+        "box_friction": of("box", "box", "geom_friction", boxes.geom_ids, 0),
+        "box_size": of("box", "box", "geom_size", boxes.geom_ids, 2) * 2,
+        "box_mass": of("box", "box", "body_mass", boxes.body_ids, 0),
         "n_elongated_boxes": long.sum(axis=1),
-        "ramp_friction": of("ramps", "ramp", "geom_friction", ramps.geom_ids, 0),
-        "cylinder_friction": of("cylinders", "cylinder", "geom_friction", cylinders.geom_ids, 0),
-        "cylinder_diameter": of("cylinders", "cylinder", "geom_size", cylinders.geom_ids, 0) * 2,
-        "cylinder_height": of("cylinders", "cylinder", "geom_size", cylinders.geom_ids, 1) * 2,
+        "ramp_friction": of("ramp", "ramp", "geom_friction", ramps.geom_ids, 0),
+        "cylinder_friction": of("cylinder", "cylinder", "geom_friction", cylinders.geom_ids, 0),
+        "cylinder_diameter": of("cylinder", "cylinder", "geom_size", cylinders.geom_ids, 0) * 2,
+        "cylinder_height": of("cylinder", "cylinder", "geom_size", cylinders.geom_ids, 1) * 2,
         "n_elongated_sites": long_sites.sum(axis=1),
     }
     counts = {"n_boxes": "box", "n_ramps": "ramp", "n_cylinders": "cylinder", "n_food": "food"}
@@ -108,7 +108,7 @@ def zoo():
 
 def places(env, state, name):
     module = env.modules[name]
-    if name in ("food", "construction_sites"):
+    if name in ("food", "construction_site"):
         xy = np.asarray(state.world.sites[module.kind])[..., :2]
     else:
         xy = np.asarray(state.data.qpos)[:, module.qpos_ids[:, :2]]
@@ -185,7 +185,7 @@ def test_a_parameter_alone_changes_what_it_names(name, zoo):
         if not name.startswith("n_"):
             equal(np.isnan(read[other]), np.isnan(was[other]), err_msg=other)
     if name in WEIGHTLESS:
-        for kind in ("agents", "boxes", "ramps", "cylinders", "food", "construction_sites"):
+        for kind in ("agent", "box", "ramp", "cylinder", "food", "construction_site"):
             equal(places(env, state, kind), places(env, before, kind), err_msg=kind)
 
 
@@ -196,7 +196,7 @@ def test_what_is_placed_before_stays_where_it_is(name, zoo):
     """Unless the layout as a whole had to be drawn again."""
     env, before, _ = zoo
     state = draw(env, 20, **{name: ALONE[name]})
-    order = ["agents", "boxes", "ramps", "cylinders", "food", "construction_sites"]
+    order = ["agent", "box", "ramp", "cylinder", "food", "construction_site"]
     place = next(i for i, kind in enumerate(order) if kind.split("_")[-1].rstrip("s") in name)
     for kind in order[:place]:
         same = places(env, state, kind) == places(env, before, kind)
@@ -273,17 +273,17 @@ def test_modules_are_independent(plain):
     a, b = draw(plain, 30), draw(more, 30)
     equal(active(a, "box"), active(b, "box"))
     for name in ("body_mass", "body_inertia", "geom_size", "actuator_gear"):
-        module = "agents" if name == "actuator_gear" else "boxes"
+        module = "agent" if name == "actuator_gear" else "box"
         ids = [getattr(env.modules[module], f"{name.split('_')[0]}_ids", None) for env in (plain, more)]
-        ids = ids if module == "boxes" else [env.agents.ctrl_ids for env in (plain, more)]
-        there = active(a, "box") if module == "boxes" else slice(None)
+        ids = ids if module == "box" else [env.agents.ctrl_ids for env in (plain, more)]
+        there = active(a, "box") if module == "box" else slice(None)
         x, y = field(plain, a, name, ids[0])[there], field(more, b, name, ids[1])[there]
         equal(x, y, err_msg=name)
-    equal(places(plain, a, "agents"), places(more, b, "agents"))
+    equal(places(plain, a, "agent"), places(more, b, "agent"))
     first = active(a, "box")[:, 0]
-    old, new = (places(env, s, "boxes")[first, :2] for env, s in ((plain, a), (more, b)))
-    half = field(plain, a, "geom_size", plain.modules["boxes"].geom_ids)[first, 0, :1]
-    ramps = places(more, b, "ramps").reshape(N, 2, 2)[first]
+    old, new = (places(env, s, "box")[first, :2] for env, s in ((plain, a), (more, b)))
+    half = field(plain, a, "geom_size", plain.modules["box"].geom_ids)[first, 0, :1]
+    ramps = places(more, b, "ramp").reshape(N, 2, 2)[first]
     low, ramp_low = np.floor((old - half) / 0.2 + 1e-3), np.floor((ramps - 0.25) / 0.2 + 1e-3)
     cells = np.ceil(2 * half / 0.2 - 1e-4)
     taken = ((low[:, None] < ramp_low + 3) & (ramp_low < low[:, None] + cells[:, None])).all(axis=-1).any(axis=1)
@@ -312,7 +312,7 @@ def test_worlds_take_ranges_on_the_way(plain):
         there = np.asarray(states.world.active["box"])
         equal(there.sum(axis=1), wanted)
         boxes = list(plain.overlay["body_mass"]).index
-        columns = [boxes(i) for i in plain.modules["boxes"].body_ids]
+        columns = [boxes(i) for i in plain.modules["box"].body_ids]
         got = np.asarray(states.world.fields["body_mass"])[:, columns]
         close(got[there], (mass[:, None] * there)[there], rtol=1e-6)
     bad = params.replace(n_boxes=np.where(np.arange(n) == 20, 4, 3)[:, None] * [1, 1])

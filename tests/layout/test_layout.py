@@ -37,7 +37,7 @@ def places(env, state, name):
 
 def squares(env, state):
     """(N, n, 4) x0, y0, x1, y1 of boxes and ramps."""
-    centre = np.concatenate([places(env, state, name) for name in ("boxes", "ramps")], axis=1)
+    centre = np.concatenate([places(env, state, name) for name in ("box", "ramp")], axis=1)
     return np.concatenate([centre - HALF, centre + HALF], axis=-1)
 
 
@@ -63,7 +63,7 @@ def distance(points, rects):
 
 def overlaps(env, state):
     """(N,) bool: whether any two things of a world overlap."""
-    agents, things, solid = places(env, state, "agents"), squares(env, state), walls(env, state)
+    agents, things, solid = places(env, state, "agent"), squares(env, state), walls(env, state)
     apart = np.linalg.norm(agents[:, :, None] - agents[:, None], axis=-1)
     found = np.triu(apart < 2 * RADIUS - TOL, 1).any((1, 2)) | np.triu(rects_overlap(things, things), 1).any((1, 2))
     for rects in (things, solid):
@@ -101,20 +101,20 @@ def test_nothing_overlaps_or_leaves_the_room(layouts):
     assert state.world.valid.all()
     assert not state.metrics["layout_invalid"].any()
     assert not overlaps(env, state).any()
-    for name, radius in (("agents", RADIUS), ("boxes", HALF), ("ramps", HALF)):
+    for name, radius in (("agent", RADIUS), ("box", HALF), ("ramp", HALF)):
         xy = places(env, state, name)
         assert np.nanmin(xy) - radius > 0.15 - TOL
         assert np.nanmax(xy) + radius < FLOOR - 0.15 + TOL
         depth = radius - state.data.qpos[:, env.modules[name].qpos_ids[:, 2]][~np.isnan(xy[..., 0])]
         assert ((depth > -1e-6) & (depth < 5e-4)).all()  # on the floor, as deep as a soft contact gives way
     # The oracle sees what is there to see: with the boxes of a neighbouring world, things do overlap.
-    mixed, ids = np.array(state.data.qpos), env.modules["boxes"].qpos_ids
+    mixed, ids = np.array(state.data.qpos), env.modules["box"].qpos_ids
     mixed[:, ids] = np.roll(mixed, 1, axis=0)[:, ids]
     assert overlaps(env, state.replace(data=state.data.replace(qpos=mixed))).any()
 
 
 def test_hiders_start_inside_the_quadrant_and_seekers_outside(layouts):
-    agents = places(*layouts, "agents")
+    agents = places(*layouts, "agent")
     x, y = agents[:, :2, 0], agents[:, :2, 1]
     assert ((x - RADIUS > LINE + THIN - TOL) & (y + RADIUS < LINE - THIN + TOL)).all()
     x, y = agents[:, 2:, 0], agents[:, 2:, 1]
@@ -212,7 +212,7 @@ def test_counts_are_uniform_and_independent(ranged):
 
 
 def test_agents_are_uniform_over_the_free_cells(standard):
-    agents = places(*standard, "agents")
+    agents = places(*standard, "agent")
     x, y = np.indices((30, 30))
     clear = (x >= 1) & (y >= 1) & (x <= 27) & (y <= 27)
     # Lower-left cells of 2 x 2 cells in the quadrant, or clear of it and its walls; the first of either team.
@@ -260,9 +260,9 @@ def test_impossible_params_under_jit_are_flagged(env_ranges, batch_reset, wanted
 
 def test_an_added_object_changes_a_place_only_by_taking_it(env_ranges, batch_reset):
     few, many = (draw(env_ranges, batch_reset, 3, BATCH, n_boxes=n, n_ramps=1) for n in (0, 3))
-    equal(places(env_ranges, few, "agents"), places(env_ranges, many, "agents"))
-    before, after = (places(env_ranges, state, "ramps")[:, :1] for state in (few, many))
-    ramp, boxes = (np.floor((p - HALF) / CELL + 1e-3) for p in (before, places(env_ranges, many, "boxes")))
+    equal(places(env_ranges, few, "agent"), places(env_ranges, many, "agent"))
+    before, after = (places(env_ranges, state, "ramp")[:, :1] for state in (few, many))
+    ramp, boxes = (np.floor((p - HALF) / CELL + 1e-3) for p in (before, places(env_ranges, many, "box")))
     taken = (abs(ramp - boxes) < 3).all(axis=-1).any(axis=1)
     assert taken.sum() > 20
     equal((before == after).all(axis=(1, 2)), ~taken)
@@ -277,9 +277,9 @@ def test_parked_entities_stay_where_they_are(env_ranges, batch_reset):
 
     end = jax.jit(lambda s, k: jax.lax.scan(step, s, k)[0])(start, jax.random.split(seeds.key(5), 500))
     before, after = np.asarray(start.data.qpos), np.asarray(end.data.qpos)
-    assert (abs(after - before)[:, env.modules["agents"].qpos_ids[:, :2]].max(axis=(1, 2)) > 0.1).all()
+    assert (abs(after - before)[:, env.modules["agent"].qpos_ids[:, :2]].max(axis=(1, 2)) > 0.1).all()
     absent = [set() for _ in range(32)]
-    for module in (env.modules["boxes"], env.modules["ramps"]):
+    for module in (env.modules["box"], env.modules["ramp"]):
         mask = ~np.asarray(start.world.active[module.kind])
         assert 0 < mask.sum() < mask.size
         assert (before[:, module.qpos_ids][mask][:, 2] > 10).all()
@@ -315,7 +315,7 @@ def crowded():
 def test_a_layout_that_is_too_full_is_contained(crowded, batch_reset, batch_step):
     env = crowded
     state = batch_reset(env, jax.random.split(seeds.key(0), 64), env.default_params.replace(n_boxes=6))
-    ids = env.modules["boxes"].qpos_ids
+    ids = env.modules["box"].qpos_ids
     active = np.asarray(state.world.active["box"])
     assert (active.any(axis=1) & ~active.all(axis=1)).all()
     assert not np.asarray(state.world.valid).any()

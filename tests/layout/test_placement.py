@@ -46,7 +46,7 @@ def test_separation_and_proximity(batch_reset):
     )
     xy, world = draw(env, batch_reset)
     assert world.valid.all()
-    boxes, agents, ramps = xy["boxes"], xy["agents"], xy["ramps"]
+    boxes, agents, ramps = xy["box"], xy["agent"], xy["ramp"]
     anchored = world.active["box"][:, 0]
     assert 0.5 < anchored.mean() < 0.8
     near = np.linalg.norm(agents - boxes[:, :1], axis=-1)
@@ -67,10 +67,10 @@ def test_centre_and_middle(batch_reset):
     env = make(maax.Boxes(1, maax.centre_placement), maax.Agents(1, maax.middle_placement(0.4)))
     xy, world = draw(env, batch_reset)
     assert world.valid.all()
-    assert np.abs(xy["boxes"] - FLOOR / 2).max() <= CELL
+    assert np.abs(xy["box"] - FLOOR / 2).max() <= CELL
     square = [FLOOR * 0.3, FLOOR * 0.3, FLOOR * 0.7, FLOOR * 0.7]
-    assert inside(xy["agents"], square, AGENT).all()
-    assert np.ptp(xy["agents"], axis=0).min() > 1.8
+    assert inside(xy["agent"], square, AGENT).all()
+    assert np.ptp(xy["agent"], axis=0).min() > 1.8
 
 
 def test_at_a_point(batch_reset):
@@ -83,7 +83,7 @@ def test_at_a_point(batch_reset):
     env = make(maax.Boxes(1), maax.Agents(3, [maax.at_placement(*point) for point in points]))
     xy, world = draw(env, batch_reset)
     assert world.valid.all()
-    assert np.abs(xy["agents"] - np.array(points)).max() <= CELL
+    assert np.abs(xy["agent"] - np.array(points)).max() <= CELL
 
 
 def test_rooms_and_combinations(batch_reset):
@@ -97,11 +97,11 @@ def test_rooms_and_combinations(batch_reset):
     assert world.valid.all()
     rooms = world.plan.rooms * CELL
     for i in range(2):
-        assert inside(xy["agents"][:, i], rooms[:, i], AGENT).all()
-    assert inside(xy["ramps"][:, 0], rooms[:, 2], HALF).all()
-    others = np.concatenate([xy["boxes"], xy["agents"]], axis=1)
-    assert np.linalg.norm(xy["ramps"] - others, axis=-1).min() >= 0.8
-    assert inside(xy["boxes"][:, 0], rooms[:, 0], HALF).mean() > 0.9
+        assert inside(xy["agent"][:, i], rooms[:, i], AGENT).all()
+    assert inside(xy["ramp"][:, 0], rooms[:, 2], HALF).all()
+    others = np.concatenate([xy["box"], xy["agent"]], axis=1)
+    assert np.linalg.norm(xy["ramp"] - others, axis=-1).min() >= 0.8
+    assert inside(xy["box"][:, 0], rooms[:, 0], HALF).mean() > 0.9
 
 
 def test_quadrant_placement_in_a_mix(batch_reset):
@@ -111,9 +111,9 @@ def test_quadrant_placement_in_a_mix(batch_reset):
     assert world.valid.all()
     quad = world.plan.scenario == 0
     rect = world.plan.quadrant * CELL
-    assert inside(xy["agents"][:, 0], rect, AGENT)[quad].all()
-    assert not inside(xy["agents"][:, 1], rect, AGENT)[quad].any()
-    assert (xy["agents"][~quad].min(axis=0) < 1).all()
+    assert inside(xy["agent"][:, 0], rect, AGENT)[quad].all()
+    assert not inside(xy["agent"][:, 1], rect, AGENT)[quad].any()
+    assert (xy["agent"][~quad].min(axis=0) < 1).all()
 
 
 @pytest.mark.parametrize("free", [False, True])
@@ -122,7 +122,7 @@ def test_random_yaw(free, batch_reset):
     env = make(maax.Boxes(3, free=free, random_yaw=True), maax.Agents(1, random_yaw=True))
     state = jax.device_get(batch_reset(env, jax.random.split(seeds.key(3), N // 5)).replace(key=()))
     assert state.world.valid.all()
-    boxes = env.modules["boxes"]
+    boxes = env.modules["box"]
     mats = state.data.geom_xmat[:, boxes.geom_ids][..., :2, :2]
     yaw = np.arctan2(mats[..., 1, 0], mats[..., 0, 0]).ravel()
     assert stats.kstest((yaw + np.pi) / (2 * np.pi), "uniform").pvalue > 1e-3
@@ -146,7 +146,7 @@ def test_a_function_of_ones_own(batch_reset):
         return (jax.numpy.arange(layout.grid.size)[:, None] < 5) * jax.numpy.ones((1, layout.grid.size))
 
     xy, _ = draw(make(maax.Agents(1, left)), batch_reset)
-    assert xy["agents"][..., 0].max() < 5 * CELL + 2 * AGENT
+    assert xy["agent"][..., 0].max() < 5 * CELL + 2 * AGENT
 
 
 @pytest.mark.parametrize(

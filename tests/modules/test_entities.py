@@ -21,7 +21,7 @@ equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 def centres(env, state, name):
     """(N, n, 2), NaN where absent."""
     module = env.modules[name]
-    if name in ("food", "construction_sites"):
+    if name in ("food", "construction_site"):
         xy = np.asarray(state.world.sites[module.kind])[..., :2]
     else:
         xy = np.asarray(state.data.qpos)[:, module.qpos_ids[:, :2]]
@@ -31,12 +31,12 @@ def centres(env, state, name):
 def half_extents(env, state, name):
     """(N, n, 2) of a footprint, from the geoms (of construction sites, from their corners)."""
     module = env.modules[name]
-    if name == "construction_sites":
+    if name == "construction_site":
         return np.ptp(np.asarray(state.obs["construction_site_corner_pos"]), axis=2)[..., :2] / 2
-    if name in ("boxes", "cylinders"):
+    if name in ("box", "cylinder"):
         size = field(env, state, "geom_size", module.geom_ids)
-        return size[..., :2] if name == "boxes" else size[..., [0, 0]]
-    return {"agents": RADIUS, "ramps": 0.25, "food": 0.05}[name]
+        return size[..., :2] if name == "box" else size[..., [0, 0]]
+    return {"agent": RADIUS, "ramp": 0.25, "food": 0.05}[name]
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_the_c_engine_follows_plain_mujoco(drawn, batch_step):
 
 def test_inertia_by_formula(zoo):
     env, state = zoo
-    boxes, cylinders = env.modules["boxes"], env.modules["cylinders"]
+    boxes, cylinders = env.modules["box"], env.modules["cylinder"]
     size, mass = 2 * field(env, state, "geom_size", boxes.geom_ids), field(env, state, "body_mass", boxes.body_ids)
     squares = size**2
     there = active(state, "box")
@@ -152,9 +152,9 @@ def test_inertia_by_formula(zoo):
 
 def test_elongated_boxes_and_sites_by_openais_rule(zoo):
     env, state = zoo
-    for name, kind, most in (("boxes", "box", 4), ("construction_sites", "construction_site", 3)):
+    for name, kind, most in (("box", "box", 4), ("construction_site", "construction_site", 3)):
         there, half = active(state, kind), half_extents(env, state, name)
-        base = 2 * field(env, state, "geom_size", env.modules["boxes"].geom_ids)[..., 2] if kind == "box" else 0.5
+        base = 2 * field(env, state, "geom_size", env.modules["box"].geom_ids)[..., 2] if kind == "box" else 0.5
         along_x, along_y = ((np.abs(half[..., a] * 2 - 3.3 * base) < 1e-5) & there for a in (0, 1))
         long = along_x | along_y
         narrow = np.where(along_x, half[..., 1], half[..., 0]) * 2
@@ -177,11 +177,11 @@ def test_nothing_overlaps_and_all_is_on_its_floor(zoo):
     """Of every kind with every other: sites and food stand on nothing, and nothing stands on them."""
     env, state = zoo
     assert np.asarray(state.world.valid).all()
-    names = ("agents", "boxes", "ramps", "cylinders", "food", "construction_sites")
+    names = ("agent", "box", "ramp", "cylinder", "food", "construction_site")
     centre = [centres(env, state, name) for name in names]
     half = [half_extents(env, state, name) * np.ones_like(c) for name, c in zip(names, centre, strict=True)]
     disc = np.concatenate(
-        [np.full(c.shape[1], n in ("agents", "cylinders", "food")) for n, c in zip(names, centre, strict=True)]
+        [np.full(c.shape[1], n in ("agent", "cylinder", "food")) for n, c in zip(names, centre, strict=True)]
     )
     centre, half = np.concatenate(centre, axis=1), np.concatenate(half, axis=1)
     floor = np.asarray(state.world.plan.floor_size)[:, None, None]
@@ -236,14 +236,14 @@ def test_observations(zoo, batch_step):
         x, yaw = q[:, module.qpos_ids[:, :3]], q[:, module.qpos_ids[:, 3:]]
         return [x, np.cos(yaw), np.sin(yaw), v[:, module.qvel_ids]]
 
-    size = 2 * field(env, states, "geom_size", env.modules["boxes"].geom_ids)
+    size = 2 * field(env, states, "geom_size", env.modules["box"].geom_ids)
     ids = np.broadcast_to(np.arange(4)[:, None], (FEW, 4, 1))
-    want = {"box_obs": [*pose("boxes"), ids, size], "ramp_obs": pose("ramps"), "agent_qpos_qvel": pose("agents")}
+    want = {"box_obs": [*pose("box"), ids, size], "ramp_obs": pose("ramp"), "agent_qpos_qvel": pose("agent")}
     for name, parts in want.items():
         mask = active(states, name.split("_")[0])
         equal(obs[f"{name.split('_')[0]}_mask"], mask)
         close(obs[name], np.where(mask[..., None], np.concatenate(parts, axis=-1), 0), atol=1e-5, err_msg=name)
-    d, h = 2 * field(env, states, "geom_size", env.modules["cylinders"].geom_ids)[..., :2].transpose(2, 0, 1)
+    d, h = 2 * field(env, states, "geom_size", env.modules["cylinder"].geom_ids)[..., :2].transpose(2, 0, 1)
     mask = active(states, "cylinder")
     close(obs["cylinder_size"], np.where(mask[..., None], np.stack([d, d, h], axis=-1), 0), atol=1e-5)
     for kind, name in (("food", "food_pos"), ("construction_site", "construction_site_pos")):
@@ -344,7 +344,7 @@ def test_boxes_slide_by_the_larger_friction(open_floor, batch_step):
     mu = seeds.rng(1).uniform(0.1, 0.8, (2, N)).astype(np.float32)
     one = {name: np.stack([x, x], axis=1) for name, x in zip(("floor_friction", "box_friction"), mu, strict=True)}
     states = few(draw(env, 3, n_boxes=1, n_elongated_boxes=0, n_ramps=0, gravity=-10.0, **one))
-    box, speed = env.modules["boxes"], 1.2
+    box, speed = env.modules["box"], 1.2
     start = np.asarray(states.data.qpos)[:, box.qpos_ids[0, :2]]
     away = np.sign(start - np.asarray(states.data.qpos)[:, env.agents.qpos_ids[:, :2]].mean(axis=1))
     v = np.array(states.data.qvel)
@@ -360,16 +360,16 @@ def test_boxes_slide_by_the_larger_friction(open_floor, batch_step):
 
 def test_draws_are_shared_where_asked(drawn):
     env, state = drawn
-    shared = {"boxes": "geom_size"} if "food" not in env.modules else {"cylinders": "geom_size"}
-    single = {"boxes": ("body_mass", "geom_size"), "agents": ("actuator_gear", "dof_damping", "geom_friction")}
+    shared = {"box": "geom_size"} if "food" not in env.modules else {"cylinder": "geom_size"}
+    single = {"box": ("body_mass", "geom_size"), "agent": ("actuator_gear", "dof_damping", "geom_friction")}
     for name, what in shared.items():
         value = field(env, state, what, env.modules[name].geom_ids)
         both = active(state, env.modules[name].kind).all(axis=1)
-        height = value[..., 2 if name == "boxes" else 1][both]
+        height = value[..., 2 if name == "box" else 1][both]
         close(height[:, 0], height[:, 1])
-        assert uniform(height[:, 0] * 2, *((0.3, 0.5) if name == "boxes" else (0.2, 0.6)))
+        assert uniform(height[:, 0] * 2, *((0.3, 0.5) if name == "box" else (0.2, 0.6)))
     if "food" in env.modules:
-        agents, boxes = env.agents, env.modules["boxes"]
+        agents, boxes = env.agents, env.modules["box"]
         rows = {
             "actuator_gear": agents.ctrl_ids.reshape(6, 3)[:, 0],
             "dof_damping": agents.qvel_ids[:, 0],
@@ -377,10 +377,10 @@ def test_draws_are_shared_where_asked(drawn):
             "body_mass": boxes.body_ids,
             "geom_size": boxes.geom_ids,
         }
-        for name in (*single["boxes"], *single["agents"]):
+        for name in (*single["box"], *single["agent"]):
             value = field(env, state, name, rows[name])
             value = value.reshape(N, value.shape[1], -1)[..., -1 if name == "geom_size" else 0]
-            both = active(state, "box")[:, 1] if name in single["boxes"] else slice(None)
+            both = active(state, "box")[:, 1] if name in single["box"] else slice(None)
             rank = stats.spearmanr(value[both, 0], value[both, 1]).statistic
             assert abs(rank) < 5.5 / np.sqrt(len(value[both])), name
 
@@ -388,7 +388,7 @@ def test_draws_are_shared_where_asked(drawn):
 def test_cylinders_can_be_pushed(zoo, batch_step):
     env, _ = zoo
     states = few(draw(env, 4, n_cylinders=1, n_boxes=0, n_ramps=0, n_rooms=1))
-    ids = env.modules["cylinders"].qpos_ids[0, :2]
+    ids = env.modules["cylinder"].qpos_ids[0, :2]
     start = np.asarray(states.data.qpos)[:, ids]
     for _ in range(100):
         states = batch_step(env, states, towards(env, states, np.asarray(states.data.qpos)[:, ids])[0])
@@ -404,7 +404,7 @@ def test_static_cylinders_stand_fast(batch_step):
     env = make(2, maax.WallScenarios("empty"), maax.Agents(2), cylinders)
     drawn = draw(env, 7)
     assert "cylinder_obs" not in drawn.obs
-    states, ids = few(draw(env, 7, cylinder_height=0.6)), env.modules["cylinders"].geom_ids
+    states, ids = few(draw(env, 7, cylinder_height=0.6)), env.modules["cylinder"].geom_ids
     start = np.asarray(states.data.geom_xpos)[:, ids]
     there = active(states, "cylinder")
     equal(states.obs["static_cylinder_mask"], there)

@@ -33,9 +33,9 @@ class Paid(Base):
         self.traces["reset"] += 1
         return super().reset(key, params)
 
-    def step(self, state, action):
+    def transition(self, state, action):
         self.traces["step"] += 1
-        state = super().step(state, action)
+        state = super().transition(state, action)
         reward = state.reward + jnp.arange(1.0, self.n_agents + 1)
         return state.replace(reward=reward, terminated=action["move"][0, 2] == 1.0)
 

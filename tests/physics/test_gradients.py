@@ -20,7 +20,7 @@ def make(impl="jax"):
 def facing_a_box(env, gap):
     """The agent at (2, 3), a box in front of it with `gap` between their surfaces."""
     state = env.reset(seeds.key(0))
-    agent, box = env.agents.qpos_ids[0], env.modules["boxes"].qpos_ids[0]
+    agent, box = env.agents.qpos_ids[0], env.modules["box"].qpos_ids[0]
     qpos = state.data.qpos.at[agent[[0, 1, 3]]].set(jnp.array([2.0, 3.0, 0.0]))
     qpos = qpos.at[box[[0, 1, 3]]].set(jnp.array([2.4 + gap, 3.05, 0.0]))
     return state.replace(data=env.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
@@ -29,7 +29,7 @@ def facing_a_box(env, gap):
 def ends(env, actions, state):
     """(3,) the agent's x and y and the box's x after one step for each of `actions` (n, 1, 3)."""
     state, _ = jax.lax.scan(lambda s, a: (env.step(s, {"move": a}), None), state, actions)
-    box = state.data.qpos[env.modules["boxes"].qpos_ids[0][0]]
+    box = state.data.qpos[env.modules["box"].qpos_ids[0][0]]
     return jnp.append(state.data.xpos[env.agents.body_ids[0], :2], box)
 
 
@@ -50,7 +50,7 @@ def derivatives():
             change = EPS * jnp.eye(actions.size).reshape(-1, *actions.shape)
             ahead, behind = run(actions + change, state), run(actions - change, state)
             differences = np.reshape((ahead - behind)[:, 0] / (2 * EPS), actions.shape)
-            way = float(ahead[0, 2] - state.data.qpos[env.modules["boxes"].qpos_ids[0][0]])
+            way = float(ahead[0, 2] - state.data.qpos[env.modules["box"].qpos_ids[0][0]])
             return np.asarray(forward(actions, state)), np.asarray(reverse(actions, state)), differences, way
 
     return at

@@ -212,7 +212,7 @@ def test_free_joints(impl):
     steps = {name: jax.jit(jax.vmap(e.step)) for name, e in envs.items()}
     parked = ~np.asarray(states.world.active["box"])
     assert parked.any()
-    before = np.asarray(states.data.qpos)[:, env.modules["boxes"].qpos_ids]
+    before = np.asarray(states.data.qpos)[:, env.modules["box"].qpos_ids]
     for t in range(60):
         action = bang_bang(300 + t // HELD, 8, 2)
         if impl != "c" and t % 10 == 0:
@@ -225,7 +225,7 @@ def test_free_joints(impl):
             mujoco.mj_step(model, data)
     if impl == "c":
         assert np.abs(np.stack([d.qpos for _, d in worlds]) - states.data.qpos).max() < 1e-5
-    after = np.asarray(states.data.qpos)[:, env.modules["boxes"].qpos_ids]
+    after = np.asarray(states.data.qpos)[:, env.modules["box"].qpos_ids]
     np.testing.assert_allclose(after[parked], before[parked], atol=1e-6)
 
 

@@ -56,7 +56,7 @@ def rectangles(env, world, qpos, name):
     """(N, n, 4) footprints of boxes or ramps from where they are and how large their geoms are; NaN where absent."""
     module = env.modules[name]
     centre = qpos[:, module.qpos_ids[:, :2]]
-    half = RAMP / 2 if name == "ramps" else field(env, world, "geom_size", module.geom_ids)[..., :2]
+    half = RAMP / 2 if name == "ramp" else field(env, world, "geom_size", module.geom_ids)[..., :2]
     rects = np.concatenate([centre - half, centre + half], axis=-1)
     return np.where(world.active[module.kind][..., None], rects, np.nan)
 
@@ -84,7 +84,7 @@ def distance(points, rects):
 def overlaps(env, world, qpos):
     """(N,) bool: whether any two things of a world overlap. Comparisons with NaN are false: absent ones touch none."""
     agents = np.where(world.active["agent"][..., None], qpos[:, env.agents.qpos_ids[:, :2]], np.nan)
-    things = np.concatenate([rectangles(env, world, qpos, name) for name in ("boxes", "ramps")], axis=1)
+    things = np.concatenate([rectangles(env, world, qpos, name) for name in ("box", "ramp")], axis=1)
     walls = standing_walls(env, world)
     apart = np.linalg.norm(agents[:, :, None] - agents[:, None], axis=-1)
     found = np.triu(apart < 2 * RADIUS - TOL, 1).any((1, 2)) | np.triu(gap(things, things) < -TOL, 1).any((1, 2))
@@ -128,7 +128,7 @@ def test_nothing_overlaps(layouts):
     env, world, qpos, _ = layouts
     assert not overlaps(env, world, qpos).any()
     # The oracle sees what there is to see: with its neighbour's ramps, or walls, a world has overlaps.
-    mixed, ids = qpos.copy(), env.modules["ramps"].qpos_ids
+    mixed, ids = qpos.copy(), env.modules["ramp"].qpos_ids
     mixed[:, ids] = np.roll(qpos, 1, axis=0)[:, ids]
     assert overlaps(env, world, mixed).mean() > 0.02
     rolled = {name: np.roll(value, 1, axis=0) for name, value in world.fields.items()}
@@ -138,14 +138,14 @@ def test_nothing_overlaps(layouts):
 
 def test_everything_is_inside_the_floor_and_on_it(layouts):
     env, world, qpos, _ = layouts
-    for name in ("boxes", "ramps"):
+    for name in ("box", "ramp"):
         rects = rectangles(env, world, qpos, name)
         assert np.nanmin(rects) > -TOL
         assert np.nanmax(rects) < FLOOR + TOL
     agents = qpos[:, env.agents.qpos_ids[:, :2]]
     assert agents.min() > RADIUS - TOL
     assert agents.max() < FLOOR - RADIUS + TOL
-    for name, height in (("agents", RADIUS), ("boxes", None), ("ramps", 0.25)):
+    for name, height in (("agent", RADIUS), ("box", None), ("ramp", 0.25)):
         module = env.modules[name]
         z = qpos[:, module.qpos_ids[:, 2]]
         active = world.active[module.kind]
@@ -164,7 +164,7 @@ def test_counts_follow_openai_s_rule(full_layouts):
     n = active.sum(axis=1)
     np.testing.assert_array_equal(active, np.arange(9) < n[:, None])
     assert stats.chisquare(np.bincount(n, minlength=10)[3:]).pvalue > P_MIN
-    size = 2 * field(env, world, "geom_size", env.modules["boxes"].geom_ids)
+    size = 2 * field(env, world, "geom_size", env.modules["box"].geom_ids)
     along_x, along_y, cube = (
         (np.abs(size - shape) < 1e-5).all(axis=-1) & active
         for shape in ((1.65, 0.15, 0.5), (0.15, 1.65, 0.5), (0.5,) * 3)
@@ -211,7 +211,7 @@ def test_it_holds_together_under_full_force(full, full_layouts, batch_reset, bat
         states = batch_step(full, states, action)
         faults |= np.asarray(states.metrics["physics_fault"])
     assert faults.mean() < 0.02, "a thin box, squeezed through another one, may be thrown out"
-    after, boxes = np.asarray(states.data.qpos), full.modules["boxes"]
+    after, boxes = np.asarray(states.data.qpos), full.modules["box"]
     assert np.isfinite(after).all()
     absent = ~np.asarray(states.world.active["box"])
     np.testing.assert_allclose(after[:, boxes.qpos_ids][absent], before[:, boxes.qpos_ids][absent], atol=1e-6)

@@ -68,14 +68,14 @@ def test_names():
 
 
 def test_overrides_reach_what_is_built():
-    dotted = {"lock.radius": 0.3, "lock.objects": ("boxes",), "world_params.gravity": -5.0}
+    dotted = {"lock.radius": 0.3, "lock.objects": ("box",), "world_params.gravity": -5.0}
     env = make("hide_and_seek", n_boxes=(1, 4), horizon=30, **dotted)
     equal(env.default_params["n_boxes"], [1, 4])
     assert env.base.model.opt.gravity[2] == -5.0
     assert env.base.model.opt.timestep == 0.005
     assert env.base.horizon == 30
     locks = find(env, maax.LockObjects)
-    assert [m.name for m in locks.modules] == ["boxes"]
+    assert [m.name for m in locks.modules] == ["box"]
     assert locks._reach._radius == 0.3
     assert locks.lock_type == "team"
 
@@ -83,7 +83,7 @@ def test_overrides_reach_what_is_built():
 def test_a_config_to_start_from():
     config = maax.config_of("hide_and_seek", n_ramps=2, **{"lock.lock_type": "any"})
     env = maax.make("hide_and_seek", config, impl="c", **{"lock.per_object": False})
-    assert env.base.modules["ramps"].n_max == 2
+    assert env.base.modules["ramp"].n_max == 2
     assert find(env, maax.LockObjects).lock_type == "any"
     assert not find(env, maax.LockObjects).per_object
     assert config.impl == "auto"
@@ -151,9 +151,9 @@ MISTAKES = {
     "config class": (lambda: maax.make("tag", TagConfig), ["config: got the class TagConfig", "takes a TagConfig"]),
     "observations": (lambda: maax.make("tag", observations="all"), ["observations: got 'all'", "takes one of"]),
     "observe": (lambda: maax.make("tag", observe="both"), ["observe: got 'both'", "'self', 'team'"]),
-    "privileged split": (
-        lambda: maax.make("tag", observations="split", observe="all"),
-        ["observe: got 'all' with observations='split'; takes 'self' there"],
+    "critic of raw ones": (
+        lambda: maax.make("tag", observations="raw", observe="all"),
+        ["observe: got 'all' with observations='raw'; takes 'self' there"],
     ),
 }
 
@@ -246,7 +246,7 @@ BOTH = {
     "n_frames": 15,
     "floor": 6.0,
     "grid": 30,
-    "agents": 4,
+    "agent": 4,
     "teams": [0, 0, 1, 1],
     "friction of floor": {0.2},
     "friction of wall": {0.01},
@@ -262,7 +262,7 @@ BOTH = {
     "mass of ramp": {1.0},
     "radius of agents": 0.15,
     "half of boxes": (0.25, 0.25, 0.25),
-    "ramps": (0.5, 0.5, 0.5),
+    "ramp": (0.5, 0.5, 0.5),
     "wall heights": {0.5, 4.0},
     "door cells": 2,
     "bins": 11,
@@ -270,7 +270,7 @@ BOTH = {
     "lock of agents": (4,),
     "grab": (REACH, False, True),
     "grab of agents": (4,),
-    "grabbed": ["boxes", "ramps"],
+    "grabbed": ["box", "ramp"],
     "cone": 3 * np.pi / 4,
     "lidar": (30, 6.0, "world", None),
     "reward": ("team_zero_sum", "vision", 1.0),
@@ -281,7 +281,7 @@ NUMBERS = {
     | {
         "horizon": 80,
         "prep": 32,
-        "locked": ["boxes"],
+        "locked": ["box"],
         "rect": (0.1, 0.1, 5.9, 5.9),
         "objects too": True,
         "ranges": {
@@ -298,7 +298,7 @@ NUMBERS = {
     | {
         "horizon": 240,
         "prep": 96,
-        "locked": ["boxes", "ramps"],
+        "locked": ["box", "ramp"],
         "rect": (-6.0, -6.0, 12.0, 12.0),
         "objects too": False,
         "ranges": {
@@ -345,12 +345,12 @@ def built(env):
         "horizon": base.horizon,
         "floor": 2 * model.geom("floor").size[0],
         "grid": base.grid_size,
-        "agents": base.n_agents,
+        "agent": base.n_agents,
         "teams": find(env, maax.TeamMembership).team_index.tolist(),
         "gear": {number(x) for x in model.actuator_gear[:, 0]},
         "radius of agents": model.geom("agent0").size[0],
         "half of boxes": tuple(model.geom("box0").size.tolist()),
-        "ramps": tuple(np.round(np.ptp(corners, axis=0), 6).tolist()),
+        "ramp": tuple(np.round(np.ptp(corners, axis=0), 6).tolist()),
         "wall heights": {
             2 * model.geom(i).size[2] for i in range(model.ngeom) if model.geom(i).name.startswith("wall")
         },
@@ -401,8 +401,8 @@ def test_wrappers_of_openai_in_order(name, game):
 
 
 SHAPES = {
-    "hide_and_seek_quadrant": {"box_obs": (4, 2, 9 + 3 + 2), "ramp_obs": (4, 1, 9 + 2), "sees_boxes": (4, 2)},
-    "hide_and_seek_full": {"box_obs": (4, 9, 9 + 3 + 3 + 2), "ramp_obs": (4, 2, 9 + 3 + 2), "sees_boxes": (4, 9)},
+    "hide_and_seek_quadrant": {"box_obs": (4, 2, 9 + 3 + 2), "ramp_obs": (4, 1, 9 + 2), "sees_box": (4, 2)},
+    "hide_and_seek_full": {"box_obs": (4, 9, 9 + 3 + 3 + 2), "ramp_obs": (4, 2, 9 + 3 + 2), "sees_box": (4, 9)},
 }
 
 
@@ -410,10 +410,10 @@ SHAPES = {
 def test_shapes_of_openai(name, game):
     """Boxes: place and motion, 9, and extents, 3, where elongated ones are; locks, 3; holds, 2."""
     shapes = {key: x.shape for key, x in game(name).observation_space.items()}
-    alike = {"agent_qpos_qvel_self": (4, 8), "agent_qpos_qvel": (4, 3, 8), "lidar": (4, 30, 1), "sees_agents": (4, 3)}
+    alike = {"agent_qpos_qvel_self": (4, 8), "agent_qpos_qvel": (4, 3, 8), "lidar": (4, 30, 1), "sees_agent": (4, 3)}
     want = SHAPES[name] | alike | {"prep_remaining": (4, 1), "agent_team_self": (4, 1), "contact_mask": (4, 3)}
     assert {key: shapes[key] for key in want} == want
-    assert not {"agent_pos", "agent_angle", "you_lock", "team_lock", "obj_lock", "you_pull", "obj_pull"} & set(shapes)
+    assert not {"agent_pos", "agent_angle", "box_lock", "ramp_lock", "box_pull", "ramp_pull"} & set(shapes)
 
 
 # --- played ----------------------------------------------------------------------------------------------------
@@ -478,12 +478,12 @@ def test_preparation_and_statistics_under_jit(name, played):
         assert not state.data.ctrl[:, ctrl[2:]].any()
         assert state.data.ctrl[:, ctrl[:2]].any()
         assert not state.reward.any()
-        for kind, module in (("box", "boxes"), ("ramp", "ramps")):
+        for kind, module in (("box", "box"), ("ramp", "ramp")):
             way = np.linalg.norm(centres(env, state, module) - centres(env, trail[0], module), axis=-1)
             way = np.where(state.world.active[kind], way, 0)
             close(state.metrics[f"max_{kind}_move"], way.max(axis=1), atol=1e-6)
         before = trail[int(state.step[0]) - 1]
-        ran = np.linalg.norm(centres(env, state, "agents") - centres(env, before, "agents"), axis=-1)
+        ran = np.linalg.norm(centres(env, state, "agent") - centres(env, before, "agent"), axis=-1)
         ran += before.metrics["distance_run"]
         assert ran.any()
         close(state.metrics["distance_run"], ran, atol=1e-6)
@@ -503,7 +503,7 @@ def test_where_things_start_in_the_quadrant(played):
     def inside(xy):
         return ((xy > low) & (xy < high)).all(axis=-1)
 
-    agents, boxes, ramps = (inside(centres(env, start, name)) for name in ("agents", "boxes", "ramps"))
+    agents, boxes, ramps = (inside(centres(env, start, name)) for name in ("agent", "box", "ramp"))
     assert not agents[:, 2:].any()
     assert boxes.all()
     for anywhere in (agents[:, :2], ramps):
@@ -516,7 +516,7 @@ def test_where_things_start_in_the_quadrant(played):
 def test_where_things_start_in_the_full_game(played):
     """Everyone within 0.5 m of the first of the team; the first anywhere; outer walls in half of the worlds."""
     env, _, trail, _ = played("hide_and_seek_full")
-    xy = centres(env, trail[0], "agents")
+    xy = centres(env, trail[0], "agent")
     for first in (0, 2):
         assert np.linalg.norm(xy[:, first + 1] - xy[:, first], axis=-1).max() <= 0.5
         assert (xy[:, first].min(axis=0) < 1.5).all()
@@ -537,7 +537,7 @@ def test_locks_and_holds_are_at_their_objects(name, played):
     env, actions, trail, (state, step) = played(name)
     start, n, agents = trail[0], BATCH[name], env.base.agents
     data, worlds = state.data, np.arange(n)
-    for hider, module, of in ((0, "boxes", 2), (1, "ramps", env.base.modules["ramps"].n_max)):
+    for hider, module, of in ((0, "box", 2), (1, "ramp", env.base.modules["ramp"].n_max)):
         beside = centres(env, start, module)[worlds, worlds % of] + [0.45, 0]
         ids = agents.qpos_ids[hider, :2]
         yaw = agents.qpos_ids[hider, 3]
@@ -546,9 +546,9 @@ def test_locks_and_holds_are_at_their_objects(name, played):
     looked = jax.jit(jax.vmap(find(env, maax.LineOfSight).look))(state.replace(data=data))
     start = state.replace(data=data, mechanics=looked.mechanics)
     after = jax.device_get(step(start, actions[0]).obs)
-    xy = centres(env, start, "agents")
+    xy = centres(env, start, "agent")
     away = {}
-    for kind, module in (("box", "boxes"), ("ramp", "ramps")):
+    for kind, module in (("box", "box"), ("ramp", "ramp")):
         half = np.full((1, 1, 2), 0.25)
         if kind == "box" and name == "hide_and_seek_full":
             half = start.world.extents["box"][..., :2] / 2
@@ -603,10 +603,9 @@ def told():
         active = rng.random(env.base.n_agents) < 0.6
         world = state.world.replace(active=state.world.active | {"agent": jnp.asarray(active)})
         state = state.replace(obs={key: jnp.asarray(x) for key, x in obs.items()}, world=world)
-        own = {"tag": ["is_it"], "capture_the_flag": ["carries", "is_out"]}.get(name, [])
-        told = observed_by_agents(env, observations, observe, own)
+        told = observed_by_agents(env, observations, observe)
         for layer in layers(told)[::-1][len(layers(env)) :]:
-            state = layer.look(state)
+            state = layer.observe(state)
         return obs, {key: np.asarray(x) for key, x in state.obs.items()}, active
 
     return tell
@@ -617,9 +616,7 @@ def split_oracle(name, obs):
     n = len(obs["agent_mask"])
     own = ["agent_qpos_qvel", "agent_team", "agent_mask"]
     own += {"tag": ["is_it"], "capture_the_flag": ["carries", "is_out"]}.get(name, [])
-    per_agent = ("prep_remaining", "team_size", "lidar", "sees_boxes", "sees_ramps")
-    handled = ("you_lock", "team_lock", "obj_lock", "you_pull", "obj_pull")
-    lockable = {"hide_and_seek_quadrant": ["box"]}.get(name, ["box", "ramp"])
+    per_agent = ("prep_remaining", "team_size", "lidar", "sees_box", "sees_ramp")
     agents = []
     for i in range(n):
         others = [(i - j) % n for j in range(1, n)]
@@ -627,24 +624,17 @@ def split_oracle(name, obs):
         for key, x in obs.items():
             if key in own:
                 mine[f"{key}_self"], mine[key] = x[i], np.stack([x[j] for j in others])
-            elif key in ("contact_mask", "sees_agents"):
+            elif key in ("contact_mask", "sees_agent"):
                 mine[key] = np.array([x[i, j] for j in others])
             elif key in per_agent:
                 mine[key] = x[i]
-            elif key not in (*handled, "agent_pos", "agent_angle"):
+            elif not key.endswith(("_lock", "_pull")) and key not in ("agent_pos", "agent_angle"):
                 mine[key] = x
-        for columns, kinds in (("lock", lockable), ("pull", ["box", "ramp"])):
-            if f"obj_{columns}" in obs:
-                k = 0
-                for kind in kinds:
-                    rows = []
-                    for row in mine[f"{kind}_obs"]:
-                        who = ("you_lock", "team_lock") if columns == "lock" else ("you_pull",)
-                        extra = [obs[key][i, k, 0] for key in who] + [obs[f"obj_{columns}"][k, 0]]
-                        rows.append([*row, *extra])
-                        k += 1
-                    mine[f"{kind}_obs"] = np.array(rows, np.float32)
-                assert k == len(obs[f"obj_{columns}"])
+        for kind in ("box", "ramp"):
+            for what in ("lock", "pull"):
+                if f"{kind}_{what}" in obs:
+                    pairs = zip(mine[f"{kind}_obs"], obs[f"{kind}_{what}"][i], strict=True)
+                    mine[f"{kind}_obs"] = np.array([[*row, *extra] for row, extra in pairs], np.float32)
         agents.append(mine)
     return agents
 
@@ -661,15 +651,13 @@ def test_split_observations(name, told):
 
 @pytest.mark.parametrize("name", GAMES)
 def test_flat_observations(name, told):
-    """All by name in one vector; what is not seen is zero, where there is vision.
-
-    Privileged are the others', with what they do not see.
-    """
-    obs, got, active = told(name, "flat", observe="all" if name.startswith("hide") else "team")
-    vectors, whole, n, hidden = [], [], len(obs["agent_mask"]), 0
+    """All by name in one vector; what is not seen is zero, where there is vision. A critic sees the same unhidden."""
+    obs, got, _ = told(name, "flat", observe="all")
+    vectors, whole, hidden = [], [], 0
     for mine in split_oracle(name, obs):
         whole.append(np.concatenate([np.float32(mine[key]).ravel() for key in sorted(mine)]))
-        seen = {"box_obs": "sees_boxes", "ramp_obs": "sees_ramps", "agent_qpos_qvel": "sees_agents"}
+        seen = {"box_obs": "sees_box", "ramp_obs": "sees_ramp"}
+        seen |= dict.fromkeys(("agent_qpos_qvel", "agent_team"), "sees_agent")
         for key, mask in seen.items():
             if mask in mine:
                 mine[key] = np.stack([x if shown else 0 * x for x, shown in zip(mine[key], mine[mask], strict=True)])
@@ -677,19 +665,8 @@ def test_flat_observations(name, told):
         vectors.append(np.concatenate([np.float32(mine[key]).ravel() for key in sorted(mine)]))
     equal(got["obs"], vectors)
     assert (hidden > 0) == (name in OPENAI)
-    team = [0, 0, 1, 1] if name != "tag" else [0] * 4
-    for i in range(n):
-        others = [(i - j) % n for j in range(n)]
-        shown = [active[j] and (name.startswith("hide") or team[j] == team[i]) for j in others]
-        want = [whole[j] if show else 0 * whole[j] for j, show in zip(others, shown, strict=True)]
-        equal(got["privileged"][i], np.concatenate(want))
-    assert set(got) == {"obs", "privileged"}
-
-
-def test_what_is_particular_to_a_game_is_told(game):
-    for name, own in (("tag", ["is_it"]), ("capture_the_flag", ["carries", "is_out"])):
-        split = find(game(name), maax.SplitObservations)
-        assert set(own) < set(split.own)
+    equal(got["critic"][:, : len(whole[0])], whole)
+    assert set(got) == {"obs", "critic"}
 
 
 def test_raw_observations_are_left():

@@ -53,7 +53,7 @@ def test_a_seeker_gets_over_the_wall_by_a_ramp():
         seeker = states.data.xpos[:, base.agents.body_ids[1], :2]
         return np.asarray(jax.vmap(lambda s, p: scripted.in_quadrant(s, scene.env, p))(states, seeker))
 
-    away = states.data.qpos.at[:, base.modules["ramps"].qpos_ids[0, :2]].set(np.array([1.0, 5.0]))
+    away = states.data.qpos.at[:, base.modules["ramp"].qpos_ids[0, :2]].set(np.array([1.0, 5.0]))
     data = jax.vmap(base.engine.pose)(states.world.fields, states.data.replace(qpos=away))
     assert inside(last_of(states)).mean() > 0.9
     assert not inside(last_of(states.replace(data=data))).any()

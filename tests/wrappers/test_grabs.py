@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from helpers import seeds
+from helpers.handled import handled
 from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
@@ -80,7 +81,7 @@ def test_the_nearest_within_reach_is_held(selective, exclusive):
     env = maax.GrabObjects(env, selective=selective, exclusive=exclusive)
     assert env.action_space["grab"].shape == ((4, 4) if selective else (4,))
     start = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N_WORLDS))
-    agents, modules = env.base.agents, [env.base.modules[name] for name in ("boxes", "ramps")]
+    agents, modules = env.base.agents, [env.base.modules[name] for name in ("box", "ramp")]
     ids = np.concatenate([m.qpos_ids for m in modules])
     here = np.asarray(start.world.active["agent"])
     there = np.concatenate([np.asarray(start.world.active[m.kind]) for m in modules], axis=1)
@@ -119,8 +120,8 @@ def test_the_nearest_within_reach_is_held(selective, exclusive):
             want = truth(candidate, gap, exclusive)
             equal(held[w], want)
             mine = held[w][:, None] == np.arange(4)
-            equal(obs["you_pull"][w, :, :, 0], mine)
-            equal(obs["obj_pull"][w, :, 0], mine.any(axis=0))
+            equal(handled(obs)["you_pull"][w, :, :, 0], mine)
+            equal(handled(obs)["obj_pull"][w, :, 0], mine.any(axis=0))
             alone = truth(candidate, gap, False)
             shared += (mine.sum(axis=0) > 1).any()
             taken_away += want != alone
@@ -139,7 +140,7 @@ def carrying(request):
     env.add_module(maax.WallScenarios("empty"))
     env.add_module(maax.Agents({"hiders": 1, "seekers": (0, 1)}))
     env.add_module(maax.Boxes(1, free=request.param))
-    env = maax.GrabObjects(env, ["boxes"])
+    env = maax.GrabObjects(env, ["box"])
     reset = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))
     start = [reset(jax.random.split(seeds.key(0), 8), env.default_params.replace(n_seekers=n)) for n in (0, 1)]
     return env, start, jax.jit(jax.vmap(env.base.engine.pose)), jax.jit(jax.vmap(env.step))
@@ -149,7 +150,7 @@ def gripping(carrying, gap, n_seekers=0):
     """8 worlds with the box in the middle, and at `gap` metres from its left face an agent, from its right another."""
     env, start, pose, _ = carrying
     state = start[n_seekers]
-    agents, box = env.base.agents.qpos_ids, env.base.modules["boxes"].qpos_ids[0]
+    agents, box = env.base.agents.qpos_ids, env.base.modules["box"].qpos_ids[0]
     qpos = np.array(state.data.qpos)
     qpos[:, box[:2]] = 3.0
     qpos[:, agents[0, :2]] = 3.0 - 0.25 - gap, 3.05
@@ -161,7 +162,7 @@ def gripping(carrying, gap, n_seekers=0):
 def run(carrying, state, moves, grab):
     """The state after steps with forces `moves`, and over these (t, 8, ...): qpos of agents, pose of the box, holds."""
     env, _, _, step = carrying
-    box, grab = env.base.modules["boxes"].body_ids[0], jnp.broadcast_to(jnp.asarray(grab), (8, 2))
+    box, grab = env.base.modules["box"].body_ids[0], jnp.broadcast_to(jnp.asarray(grab), (8, 2))
     seen = []
     for move in moves:
         move = jnp.broadcast_to(jnp.asarray(move, jnp.float32), (8, 2, 3))
@@ -234,8 +235,8 @@ def test_two_hold_one(carrying):
     state = gripping(carrying, 0.2, n_seekers=1)
     state, agents, box, held = run(carrying, state, np.tile([[-1, 0, 0], [1, 0, 0]], (60, 1, 1)), [1, 1])
     equal(held, np.zeros_like(held))
-    equal(state.obs["you_pull"], np.ones((8, 2, 1, 1)))
-    equal(state.obs["obj_pull"], np.ones((8, 1, 1)))
+    equal(handled(state.obs)["you_pull"], np.ones((8, 2, 1, 1)))
+    equal(handled(state.obs)["obj_pull"], np.ones((8, 1, 1)))
     assert np.abs(box[..., :2] - 3).max() < 0.005
     _, agents, box, _ = run(carrying, state, np.tile([[0, 1, 0], [0, 1, 0]], (60, 1, 1)), [1, 1])
     assert (box[-1, :, 1] > 3.5).all()
@@ -254,9 +255,9 @@ def game():
     env = maax.Base(3, impl="c", horizon=1000)
     env.add_module(maax.Agents({"hiders": 2, "seekers": 1}))
     env.add_module(maax.Boxes(2))
-    env = maax.LineOfSight(maax.TeamMembership(env), objects=["boxes"])
-    env = maax.LockObjects(env, ["boxes"], "any", in_vision_only=True)
-    env = maax.GrabObjects(env, ["boxes"], selective=True, in_vision_only=True)
+    env = maax.LineOfSight(maax.TeamMembership(env), objects=["box"])
+    env = maax.LockObjects(env, ["box"], "any", in_vision_only=True)
+    env = maax.GrabObjects(env, ["box"], selective=True, in_vision_only=True)
     env = maax.PreparationPhase(env, PREP / 1000)
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), 32))
     pose = jax.jit(jax.vmap(env.base.engine.pose))
@@ -264,7 +265,7 @@ def game():
     def place(states, agents, boxes):
         """The states with agents (32, 3, 3) and boxes (32, 2, 3) at x, y, yaw."""
         qpos = np.array(states.data.qpos)
-        for name, poses in (("agents", agents), ("boxes", boxes)):
+        for name, poses in (("agent", agents), ("box", boxes)):
             qpos[:, env.base.modules[name].qpos_ids[:, [0, 1, 3]]] = poses
         return states.replace(data=pose(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos))))
 
@@ -319,7 +320,7 @@ def test_a_locked_object_that_is_held_does_not_move(game):
     poses = beside([1.55, 3.1, FACING["+x"]], [2.45, 2.9, FACING["-x"]], FAR)
     state = step(place(start, *poses), order())
     state = step(state, order(lock=1, grab=1))
-    ids = env.base.modules["boxes"].qpos_ids[0]
+    ids = env.base.modules["box"].qpos_ids[0]
     before, worst = np.asarray(state.data.qpos)[:, ids], np.zeros(2)
     rng = seeds.rng(1)
     move = np.zeros((32, 3, 3))
@@ -345,7 +346,7 @@ def test_a_new_hold_begins_where_the_object_is(game):
     boxes = np.array(boxes)
     boxes[:, :, :2] = [[3.3, 3.43], [3.3, 2.57]]
     state = step(place(start, agents, boxes), order())
-    ids = env.base.modules["boxes"].qpos_ids[:, :2]
+    ids = env.base.modules["box"].qpos_ids[:, :2]
 
     def want(wanted, push=0.0):
         return order([[push, 0, 0]] + [[0, 0, 0]] * 2, grab=[[wanted == 0, wanted == 1]] + [[0, 0]] * 2)
@@ -391,13 +392,13 @@ ERRORS = {
     "vision": (lambda e: maax.GrabObjects(e, in_vision_only=None), "in_vision_only: got None; takes True or False"),
     "unknown": (
         lambda e: maax.GrabObjects(e, ["boxs"]),
-        "objects: got 'boxs'; takes one of ['boxes', 'ramps'] (did you mean 'boxes'",
+        "objects: got 'boxs'; takes one of ['box', 'ramp'] (did you mean 'box'",
     ),
     "not movable": (lambda e: maax.GrabObjects(e, ["walls"]), "objects: got 'walls'; takes one of"),
     "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], of which there are none; takes others"),
     "none of them": (
-        lambda e: maax.GrabObjects(maax.make("standard", impl="c", n_boxes=0), ["boxes"]),
-        "objects: got ['boxes'], of which there are none",
+        lambda e: maax.GrabObjects(maax.make("standard", impl="c", n_boxes=0), ["box"]),
+        "objects: got ['box'], of which there are none",
     ),
     "no sight": (
         lambda e: maax.GrabObjects(e, in_vision_only=True),
@@ -405,12 +406,12 @@ ERRORS = {
     ),
     "no sight for locks": (lambda e: maax.LockObjects(e, in_vision_only=True), "LockObjects: needs LineOfSight"),
     "sight of others": (
-        lambda e: maax.GrabObjects(maax.LineOfSight(e, objects=["boxes"]), in_vision_only=True),
-        "in_vision_only: LineOfSight does not look at 'ramps'; takes what it does, ['agents', 'boxes']",
+        lambda e: maax.GrabObjects(maax.LineOfSight(e, objects=["box"]), in_vision_only=True),
+        "in_vision_only: LineOfSight does not look at 'ramp'; takes what it does, ['agent', 'box']",
     ),
     "sight of others for locks": (
-        lambda e: maax.LockObjects(maax.LineOfSight(e, objects=["ramps"]), in_vision_only=True),
-        "in_vision_only: LineOfSight does not look at 'boxes'",
+        lambda e: maax.LockObjects(maax.LineOfSight(e, objects=["ramp"]), in_vision_only=True),
+        "in_vision_only: LineOfSight does not look at 'box'",
     ),
     "twice": (
         lambda e: maax.GrabObjects(maax.GrabObjects(maax.make("standard", impl="c"))),

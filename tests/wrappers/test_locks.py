@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from helpers import seeds
+from helpers.handled import handled
 from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
@@ -87,7 +88,7 @@ def locking():
 
 
 def bodies(env):
-    return np.concatenate([env.base.modules[name].body_ids for name in ("boxes", "ramps")])
+    return np.concatenate([env.base.modules[name].body_ids for name in ("box", "ramp")])
 
 
 def action(wants, move=0.0):
@@ -121,10 +122,10 @@ def test_a_locked_object_is_held(method, free):
     assert angle < LIMITS[method, free][1], "degrees"
     assert np.ptp(places[-200:], axis=0).max() < 2e-5, "it swings"
     assert not state.metrics["physics_fault"]
-    equal(state.obs["obj_lock"][:, 0], 1)
+    equal(handled(state.obs)["obj_lock"][:, 0], 1)
     for _ in range(20):
         state = step(state, action(np.zeros((4, 3))))
-    equal(state.obs["obj_lock"][:, 0], 0)
+    equal(handled(state.obs)["obj_lock"][:, 0], 0)
     assert (np.linalg.norm(np.asarray(state.data.xpos)[ids] - place, axis=1) > 0.1).all()
 
 
@@ -141,9 +142,9 @@ def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
     state = fresh
     for _ in range(5):
         state = step(state, action(np.ones((4, 3)), 0.5))
-    equal(state.obs["obj_lock"], 1)
+    equal(handled(state.obs)["obj_lock"], 1)
     state = step(state, action(np.zeros((4, 3))))
-    equal(state.obs["obj_lock"], 0)
+    equal(handled(state.obs)["obj_lock"], 0)
     force = state.data.xfrc_applied.at[bodies(env)].set(jnp.array([24.0, 32.0, 0, 0, 0, 2.0]))
     state = state.replace(data=state.data.replace(xfrc_applied=force))
     never = fresh.replace(data=state.data.replace(eq_active=fresh.data.eq_active), step=state.step)
@@ -199,14 +200,14 @@ def test_locks_over_time(lock_type, roaming):
     def play(states, moves, wants):
         def step(states, action):
             after = jax.vmap(env.step)(states, action)
-            obs = {name: after.obs[name][..., 0] for name in ("obj_lock", "you_lock", "team_lock")}
+            obs = {name: x[..., 0] for name, x in handled(after.obs).items()}
             return after, (states.data.qpos, after.mechanics["locks"], obs, after.metrics["physics_fault"])
 
         return jax.lax.scan(step, states, {"move": moves, "lock": wants})[1]
 
     qpos, locks, obs, faults = jax.device_get(play(roaming, moves, wants))
     assert not faults.any()
-    modules = [env.base.modules[name] for name in ("boxes", "ramps")]
+    modules = [env.base.modules[name] for name in ("box", "ramp")]
     present = np.concatenate([roaming.world.active[m.kind] for m in modules], axis=1)
     extents = np.concatenate([jax.vmap(m.extents_of)(roaming.world) for m in modules], axis=1)
     playing = np.asarray(roaming.world.active["agent"])
@@ -252,7 +253,7 @@ def test_the_file_of_a_locked_world_moves_as_it_does(locking):
     env, reset, step = locking
     state = step(reset(seeds.key(2)), action(np.ones((4, 3))))
     model, data = in_plain_mujoco(env, state)
-    assert data.eq_active.sum() == 4 * int(np.asarray(state.obs["obj_lock"]).sum()) > 0
+    assert data.eq_active.sum() == 4 * int(np.asarray(handled(state.obs)["obj_lock"]).sum()) > 0
     for _ in range(50):
         state = step(state, action(np.ones((4, 3)), 0.7))
         data.ctrl[:] = np.where(np.repeat(np.asarray(state.world.active["agent"]), 3), 0.7, 0.0)
@@ -263,7 +264,7 @@ def test_the_file_of_a_locked_world_moves_as_it_does(locking):
 def test_only_what_is_near_and_present_is_locked(locking):
     env = build(radius=0.25, lock_type="any")
     reset, step = jax.jit(env.reset), jax.jit(env.step)
-    agents, box = env.base.agents, env.base.modules["boxes"]
+    agents, box = env.base.agents, env.base.modules["box"]
     seen = []
     for seed in range(40):
         start = reset(seeds.key(seed))
@@ -274,12 +275,12 @@ def test_only_what_is_near_and_present_is_locked(locking):
         qpos = start.data.qpos.at[agents.qpos_ids[0, :2]].set(jnp.asarray(at))
         state = start.replace(data=env.base.engine.pose(start.world.fields, start.data.replace(qpos=qpos)))
         state = step(state, action(np.array([[1, 0, 0]] + [[0, 0, 0]] * 3)))
-        assert bool(state.obs["obj_lock"][0, 0]) == (gap <= 0.25) or abs(gap - 0.25) < 1e-3
+        assert bool(handled(state.obs)["obj_lock"][0, 0]) == (gap <= 0.25) or abs(gap - 0.25) < 1e-3
         seen.append(gap <= 0.25)
         if gap <= 0.25:
-            equal(state.obs["you_lock"][:, 0, 0], [1, 0, 0, 0])
-            equal(state.obs["team_lock"][:2, 0, 0], [1, 1])
-            assert not np.asarray(state.obs["team_lock"])[2:].any()
+            equal(handled(state.obs)["you_lock"][:, 0, 0], [1, 0, 0, 0])
+            equal(handled(state.obs)["team_lock"][:2, 0, 0], [1, 1])
+            assert not np.asarray(handled(state.obs)["team_lock"])[2:].any()
             assert int(state.mechanics["locks"].owner[0]) == 0
         assert not np.asarray(state.mechanics["locks"].locked)[~np.asarray(
             jnp.concatenate([state.world.active["box"], state.world.active["ramp"]]))].any()  # fmt: skip

@@ -24,11 +24,11 @@ def test_locks_and_holds(impl):
     env.add_module(maax.WallScenarios("empty"))
     env.add_module(maax.Agents(1))
     env.add_module(maax.Boxes(1))
-    env = maax.Lidar(maax.LineOfSight(maax.TeamMembership(env), objects=["boxes"]), 4)
-    env = maax.GrabObjects(maax.LockObjects(env, ["boxes"]), ["boxes"])
+    env = maax.Lidar(maax.LineOfSight(maax.TeamMembership(env), objects=["box"]), 4)
+    env = maax.GrabObjects(maax.LockObjects(env, ["box"]), ["box"])
     base = env.base
     state = jax.jit(env.reset)(seeds.key(0))
-    agent, box = base.agents.qpos_ids[0], base.modules["boxes"].qpos_ids[0]
+    agent, box = base.agents.qpos_ids[0], base.modules["box"].qpos_ids[0]
     qpos = state.data.qpos.at[agent[:2]].set(jnp.array([2.5, 3.0])).at[box[:2]].set(jnp.array([2.93, 3.0]))
     state = state.replace(data=base.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
     moves = jnp.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.3, 0.3, 1]]).repeat(30, axis=0)
@@ -62,7 +62,7 @@ def test_locks_and_holds(impl):
     after, _ = base.engine.advance(state.world.fields, state.data, 1)
     assert np.abs(np.asarray(after.qpos) - data.qpos).max() < 1e-5
 
-    body = base.modules["boxes"].body_ids[0]
+    body = base.modules["box"].body_ids[0]
     force = state.data.xfrc_applied.at[body].set(jnp.array([0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]))
 
     @jax.jit
@@ -85,21 +85,21 @@ def test_locks_and_holds(impl):
     assert ((ray > 0.15) & (ray < 6)).all()
 
 
-@pytest.mark.parametrize("pushed", [False, True], ids=["agents", "agents and 200 N"])
+@pytest.mark.parametrize("pushed", [False, True], ids=["agent", "agents and 200 N"])
 def test_a_locked_box_withstands_agents(pushed):
     """Two lean on two of its faces for 1,000 steps with all their force, off the middle, so that both turn it."""
     env = maax.Base(2, impl="c")
     env.add_module(maax.Agents(2))
     env.add_module(maax.Boxes(1))
-    env = maax.LockObjects(maax.TeamMembership(env), ["boxes"], radius=10.0)
+    env = maax.LockObjects(maax.TeamMembership(env), ["box"], radius=10.0)
     base = env.base
     state = jax.jit(env.reset)(seeds.key(0))
-    agents, box = base.agents.qpos_ids, base.modules["boxes"].qpos_ids[0]
+    agents, box = base.agents.qpos_ids, base.modules["box"].qpos_ids[0]
     qpos = state.data.qpos.at[box[:2]].set(3.0)
     qpos = qpos.at[agents[:, :2]].set(jnp.array([[2.6, 2.8], [3.2, 2.6]]))
     data = base.engine.pose(state.world.fields, state.data.replace(qpos=qpos))
     load = jnp.array([0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]) * pushed
-    force = data.xfrc_applied.at[base.modules["boxes"].body_ids[0]].set(load)
+    force = data.xfrc_applied.at[base.modules["box"].body_ids[0]].set(load)
     state = state.replace(data=data.replace(xfrc_applied=force))
     moves = jnp.broadcast_to(jnp.array([[1.0, 0, 0], [0, 1.0, 0]]), (1000, 2, 3))
 

@@ -30,11 +30,11 @@ REFUSED = {
         "PreparationPhase: env has TrackStats already",
     ),
     "agents as objects": (
-        lambda e: maax.GrabObjects(e, ["agents"]),
-        "objects: got 'agents'; takes one of ['boxes', 'ramps']",
+        lambda e: maax.GrabObjects(e, ["agent"]),
+        "objects: got 'agent'; takes one of ['box', 'ramp']",
     ),
-    "objects twice": (lambda e: maax.LockObjects(e, ["boxes", "boxes"]), "takes a list of different names"),
-    "a bare name": (lambda e: maax.LineOfSight(e, objects="boxes"), "objects: got 'boxes'; takes a list of different"),
+    "objects twice": (lambda e: maax.LockObjects(e, ["box", "box"]), "takes a list of different names"),
+    "a bare name": (lambda e: maax.LineOfSight(e, objects="box"), "objects: got 'box'; takes a list of different"),
     "a rectangle beside the floor": (
         lambda e: maax.RestrictAgentsRect(e, (100, 100, 200, 200)),
         "takes one that meets the floor, 0 to 6 metres",

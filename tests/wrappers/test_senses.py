@@ -23,7 +23,7 @@ def env():
     env.add_module(maax.Boxes((1, 5), n_elongated_boxes=(0, 3), box_size=(0.3, 0.5), random_yaw=True))
     env.add_module(maax.Ramps((0, 2), random_yaw=True))
     env.add_module(maax.Cylinders((0, 2), (0.3, 0.6), (0.2, 0.6)))
-    return maax.Lidar(maax.LineOfSight(env, objects=["boxes", "ramps", "cylinders"]), N_RAYS, range=100.0)
+    return maax.Lidar(maax.LineOfSight(env, objects=["box", "ramp", "cylinder"]), N_RAYS, range=100.0)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_line_of_sight_is_the_cone_and_mj_ray(env, worlds):
     agents, agreed, seen, hidden = env.base.agents, 0, 0, 0
     total = 0
     for i, (model, data) in enumerate(plain):
-        for module in (agents, *(env.base.modules[n] for n in ("boxes", "ramps", "cylinders"))):
+        for module in (agents, *(env.base.modules[n] for n in ("box", "ramp", "cylinder"))):
             mask = states.obs[f"sees_{module.name}"][i]
             for a in range(5):
                 eye = data.xpos[agents.body_ids[a]]

@@ -1,4 +1,4 @@
-"""Masks, blind preparation, statistics and privileged observations, against plain NumPy over recorded states."""
+"""Masks, blind preparation and statistics, against plain NumPy over recorded states."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def start(sensing):
     states = jax.jit(jax.vmap(sensing.reset))(jax.random.split(seeds.key(0), N_WORLDS))
     qpos = np.array(states.data.qpos)
     spots = {
-        "agents": [[2.5, 2.5], [3.5, 3.5], [2.5, 3.5], [3.5, 2.5]],
-        "boxes": [[3.0, 3.0], [4.2, 3.0]],
-        "ramps": [[3.0, 3.8]],
+        "agent": [[2.5, 2.5], [3.5, 3.5], [2.5, 3.5], [3.5, 2.5]],
+        "box": [[3.0, 3.0], [4.2, 3.0]],
+        "ramp": [[3.0, 3.8]],
     }
     rng = seeds.rng(0)
     for name, xy in spots.items():
@@ -53,7 +53,7 @@ def start(sensing):
         qpos[:, module.qpos_ids[:, :2]] = np.where(
             there[..., None], xy + rng.uniform(-0.05, 0.05, (N_WORLDS, len(xy), 2)), qpos[:, module.qpos_ids[:, :2]]
         )
-        qpos[:, module.qpos_ids[:, 3]] = rng.uniform(-np.pi, np.pi, there.shape) * (name == "agents")
+        qpos[:, module.qpos_ids[:, 3]] = rng.uniform(-np.pi, np.pi, there.shape) * (name == "agent")
     pose = jax.jit(jax.vmap(sensing.base.engine.pose))
     return states.replace(data=pose(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos))))
 
@@ -101,7 +101,7 @@ def seeing(sensing, start):
 def test_blind_seekers(blind, seeing):
     """Nothing of what they sense is left before step `PREP`, and all of it from then on; hiders sense as ever."""
     some = 0
-    for key in ("sees_agents", "sees_boxes", "sees_ramps", "lidar"):
+    for key in ("sees_agent", "sees_box", "sees_ramp", "lidar"):
         want = seeing["obs"][key].copy()
         some += int(want[:PREP, :, SEEKERS].any()) + int(want[PREP:, :, SEEKERS].any())
         want[:PREP, :, SEEKERS] = 0
@@ -109,7 +109,7 @@ def test_blind_seekers(blind, seeing):
         if key != "lidar":
             equal(blind["mechanics"]["line_of_sight"][key], want)
     assert some == 8
-    for key in set(seeing["obs"]) - {"sees_agents", "sees_boxes", "sees_ramps", "lidar"}:
+    for key in set(seeing["obs"]) - {"sees_agent", "sees_box", "sees_ramp", "lidar"}:
         equal(blind["obs"][key], seeing["obs"][key])
     equal(blind["qpos"], seeing["qpos"])
 
@@ -121,16 +121,16 @@ def stats_oracle(env, told, start, prep_steps):
     """By name (t, n_worlds, ...), from the positions, locks and contacts at every time."""
     out, n_times = {}, N_STEPS + 1
     active = {kind: np.asarray(there) for kind, there in start.world.active.items()}
-    locked, modules = told["obs"]["obj_lock"][..., 0] > 0, env.base.modules
+    locked, modules = told["locked"], env.base.modules
     for kind, name, locks in (("box", "boxes", locked[..., :2]), ("ramp", "ramps", locked[..., 2:])):
-        xy = told["qpos"][:, :, modules[name].qpos_ids[:, :2]]
+        xy = told["qpos"][:, :, modules[kind].qpos_ids[:, :2]]
         way = np.sqrt(((xy - xy[0]) ** 2).sum(axis=-1))
         out[f"max_{kind}_move"] = np.max(way * active[kind], axis=-1)
         out[f"{name}_locked"] = np.sum(locks, axis=-1)
     for name, values in list(out.items()) if prep_steps is not None else ():
         at_end = [np.zeros_like(values[0]) if t < prep_steps else values[prep_steps] for t in range(n_times)]
         out[f"{name}_prep"] = np.stack(at_end)
-    xy = told["qpos"][:, :, modules["agents"].qpos_ids[:, :2]]
+    xy = told["qpos"][:, :, modules["agent"].qpos_ids[:, :2]]
     run, catches = np.zeros((n_times, N_WORLDS, 4)), np.zeros((n_times, N_WORLDS), int)
     for t in range(1, n_times):
         run[t] = run[t - 1] + np.sqrt(((xy[t] - xy[t - 1]) ** 2).sum(axis=-1)) * active["agent"]
@@ -186,8 +186,8 @@ def test_stats_of_anything(prep_steps, sensing, start):
                     data=state.data.replace(qpos=qpos), mechanics=mechanics, step=jnp.full(N_WORLDS, t, jnp.int32)
                 )
             )
-        obs = {"contact_mask": contact, "obj_lock": locked[..., None].astype(np.float32)}
-        seen.append({"qpos": state.data.qpos, "obs": obs, "metrics": state.metrics})
+        obs = {"contact_mask": contact}
+        seen.append({"qpos": state.data.qpos, "obs": obs, "locked": locked, "metrics": state.metrics})
     told = jax.tree.map(lambda *x: np.stack(x), *jax.device_get(seen))
     want = check_stats(sensing, told, start, prep_steps)
     assert all(values[-1].any() for values in want.values())
@@ -211,17 +211,17 @@ def test_masked_actions_do_not_reach_the_world(sensing, blind, seeing, start):
 def test_mask_actions(sensing, start):
     """By what was seen, object by object, and by a function of the state, agent by agent."""
     env, rng = Given(sensing, start), seeds.rng(2)
-    seen = {"sees_boxes": rng.random((4, 2)) < 0.5, "sees_ramps": rng.random((4, 1)) < 0.5}
+    seen = {"sees_box": rng.random((4, 2)) < 0.5, "sees_ramp": rng.random((4, 1)) < 0.5}
     state = jax.tree.map(lambda x: x[0], start)
     sight = state.mechanics["line_of_sight"] | seen
     state = state.replace(mechanics=state.mechanics | {"line_of_sight": sight}, step=jnp.array(2))
     action = {"move": rng.uniform(-1, 1, (4, 3)).astype(np.float32), "lock": rng.integers(0, 2, (4, 3), np.int8)}
 
-    by_sight = maax.MaskActions(env, "lock", ["sees_boxes", "sees_ramps"]).action(state, action)
-    equal(by_sight["lock"], action["lock"] * np.concatenate([seen["sees_boxes"], seen["sees_ramps"]], axis=1))
+    by_sight = maax.MaskActions(env, "lock", ["sees_box", "sees_ramp"]).action(state, action)
+    equal(by_sight["lock"], action["lock"] * np.concatenate([seen["sees_box"], seen["sees_ramp"]], axis=1))
     equal(by_sight["move"], action["move"])
-    other = maax.MaskActions(env, "lock", ["sees_ramps", "sees_boxes"]).action(state, action)
-    equal(other["lock"], action["lock"] * np.concatenate([seen["sees_ramps"], seen["sees_boxes"]], axis=1))
+    other = maax.MaskActions(env, "lock", ["sees_ramp", "sees_box"]).action(state, action)
+    equal(other["lock"], action["lock"] * np.concatenate([seen["sees_ramp"], seen["sees_box"]], axis=1))
     by_agent = maax.MaskActions(env, "move", lambda s: jnp.arange(4) < s.step).action(state, action)
     equal(by_agent["move"], action["move"] * [[1], [1], [0], [0]])
     equal(by_agent["lock"], action["lock"])
@@ -239,7 +239,7 @@ def test_mask_unseen_action(sensing, start):
     for case in range(16):
         sees = rng.random((4, 4)) < 0.5
         sees[2:, :2] = [[case & 1, case & 2], [case & 4, case & 8]]
-        sight = state.mechanics["line_of_sight"] | {"sees_agents": jnp.asarray(sees)}
+        sight = state.mechanics["line_of_sight"] | {"sees_agent": jnp.asarray(sees)}
         here = state.replace(mechanics=state.mechanics | {"line_of_sight": sight})
         for team, env in enumerate(envs):
             told = env.action(here, action)
@@ -252,22 +252,21 @@ def test_mask_unseen_action(sensing, start):
 
 @pytest.fixture(scope="module")
 def split(sensing):
-    own, matrices = ["agent_qpos_qvel", "agent_team"], ["sees_agents", "contact_mask"]
-    return maax.SplitObservations(sensing, own, matrices, ["sees_boxes", "sees_ramps"], ["box_obs", "ramp_obs"])
+    return maax.SplitObservations(sensing)
 
 
 @pytest.fixture(scope="module")
 def told(split, start):
     """The split observations, with random masks of what is seen."""
-    states = jax.jit(jax.vmap(split.look))(start)
+    states = jax.jit(jax.vmap(split.observe))(start)
     rng = seeds.rng(4)
-    masks = {k: rng.random(states.obs[k].shape) < 0.5 for k in ("sees_agents", "sees_boxes", "sees_ramps")}
+    masks = {k: rng.random(states.obs[k].shape) < 0.5 for k in ("sees_agent", "sees_box", "sees_ramp")}
     return states.replace(obs=states.obs | masks)
 
 
 def test_mask_observations(split, told):
-    masks = {"box_obs": "sees_boxes", "agent_qpos_qvel": "sees_agents", "agent_team": "sees_agents"}
-    obs = jax.device_get(jax.jit(jax.vmap(maax.MaskObservations(split, masks).look))(told).obs)
+    masks = {"box_obs": "sees_box", "agent_qpos_qvel": "sees_agent", "agent_team": "sees_agent"}
+    obs = jax.device_get(jax.jit(jax.vmap(maax.MaskObservations(split, masks).observe))(told).obs)
     before = jax.device_get(told.obs)
     assert set(obs) == set(before)
     for key, x in before.items():
@@ -279,24 +278,10 @@ def test_mask_observations(split, told):
         equal(obs[key], want)
 
 
-@pytest.mark.parametrize("observe", ["self", "team", "all"])
-def test_privileged_observations(observe, split, told, start):
-    """Of everyone in play, or of everyone in play in one's team: one's own first, then i - 1, i - 2, ..."""
-    obs = jax.device_get(jax.jit(jax.vmap(maax.FlattenObservations(split, observe).look))(told).obs)
-    flat = np.concatenate([np.asarray(told.obs[k], np.float32).reshape(N_WORLDS, 4, -1) for k in sorted(told.obs)], 2)
-    equal(obs["obs"], flat)
-    if observe == "self":
-        assert set(obs) == {"obs"}
-        return
-    there, d = np.asarray(start.world.active["agent"]), flat.shape[2]
-    want = np.zeros((N_WORLDS, 4, 4, d), np.float32)
-    for w in range(N_WORLDS):
-        for i in range(4):
-            for k in range(4):
-                j = (i - k) % 4
-                if there[w, j] and (observe == "all" or i // 2 == j // 2):
-                    want[w, i, k] = flat[w, j]
-    equal(obs["privileged"], want.reshape(N_WORLDS, 4, 4 * d))
+def test_masks_are_those_that_are_declared(split):
+    assert maax.MaskObservations(split).masks == {
+        "box_obs": "sees_box", "ramp_obs": "sees_ramp", "agent_qpos_qvel": "sees_agent", "agent_team": "sees_agent",
+    }  # fmt: skip
 
 
 # --- mistakes ------------------------------------------------------------------------------------------------------
@@ -308,12 +293,12 @@ ERRORS = {
     ),
     "mask name": (lambda e, s: maax.MaskActions(e, "lock", ["sees_box"]), "mask: got 'sees_box'; takes one of"),
     "mask too short": (
-        lambda e, s: maax.MaskActions(e, "lock", ["sees_boxes"]),
+        lambda e, s: maax.MaskActions(e, "lock", ["sees_box"]),
         "mask: has shape (4, 2); takes (4,) or (4, 3), as action 'lock'",
     ),
     "mask of one": (lambda e, s: maax.MaskActions(e, "move", lambda s: s.step > 1), "mask: has shape (); takes (4,)"),
     "mask without sight": (
-        lambda e, s: maax.MaskActions(maax.make("standard", impl="c"), "move", ["sees_agents"]),
+        lambda e, s: maax.MaskActions(maax.make("standard", impl="c"), "move", ["sees_agent"]),
         "MaskActions: needs LineOfSight",
     ),
     "mask after bins": (
@@ -335,7 +320,7 @@ ERRORS = {
         "MaskUnseenAction: env has DiscretizeActions already",
     ),
     "masked observation": (
-        lambda e, s: maax.MaskObservations(s, {"boxes_obs": "sees_boxes"}),
+        lambda e, s: maax.MaskObservations(s, {"boxes_obs": "sees_box"}),
         "masks: got 'boxes_obs'; takes one of",
     ),
     "masked by": (
@@ -343,35 +328,25 @@ ERRORS = {
         "masks: got 'sees_box'; takes one of",
     ),
     "masked by others": (
-        lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_agents"}),
-        "masks: 'sees_agents' has shape (4, 3); takes (4, 2) for 'box_obs'",
+        lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_agent"}),
+        "masks: 'sees_agent' has shape (4, 3); takes (4, 2) for 'box_obs'",
     ),
     "blind without senses": (
         lambda e, s: maax.PreparationPhase(maax.TeamMembership(maax.make("standard", impl="c")), blind=True),
         "blind: got True, and no sense to take away; takes LineOfSight or Lidar inside",
     ),
     "blind to what is hidden": (
-        lambda e, s: maax.PreparationPhase(maax.SelectObservations(e, ["sees_agents", "sees_boxes"]), blind=True),
+        lambda e, s: maax.PreparationPhase(maax.SelectObservations(e, ["sees_agent", "sees_box"]), blind=True),
         "blind: 'lidar' is not observed any more; put PreparationPhase inside what hid it",
     ),
     "blind to what others sense": (
-        lambda e, s: maax.PreparationPhase(maax.SplitObservations(e, ["lidar"], ["sees_agents"]), blind=True),
-        "blind: 'lidar' has shape (4, 3, 5, 1), and had (4, 5, 1); put PreparationPhase inside what changed it",
+        lambda e, s: maax.PreparationPhase(maax.SplitObservations(e), blind=True),
+        "blind: 'sees_agent' has shape (4, 3), and had (4, 4); put PreparationPhase inside what changed it",
     ),
     "blind": (lambda e, s: maax.PreparationPhase(e, blind=1), "blind: got 1; takes True or False"),
     "stats twice": (
         lambda e, s: maax.TrackStats(maax.TrackStats(e)),
         "TrackStats: env has a wrapper named 'stats' already; takes one of each",
-    ),
-    "observe": (
-        lambda e, s: maax.FlattenObservations(s, "everybody"),
-        "observe: got 'everybody'; takes one of ['all', 'self', 'team']",
-    ),
-    "observe without teams": (
-        lambda e, s: maax.FlattenObservations(
-            maax.SplitObservations(maax.make("standard", impl="c"), ["agent_pos"]), "team"
-        ),
-        "FlattenObservations: needs TeamMembership",
     ),
 }
 

@@ -26,7 +26,7 @@ equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 def game():
     """Up to three against two, first capture wins; no boxes."""
     return maax.make(
-        "capture_the_flag", n_hiders=(0, 3), n_seekers=(0, 2), n_boxes=0, wins_at=1, observations="raw", impl="c"
+        "capture_the_flag", teams={"blues": (0, 3), "reds": (0, 2)}, n_boxes=0, wins_at=1, observations="raw", impl="c"
     )
 
 
@@ -39,7 +39,7 @@ def touching(game):
 @pytest.fixture(scope="module")
 def played(game):
     """Reset and step of the game, one against one."""
-    params = game.default_params.replace(n_hiders=1, n_seekers=1)
+    params = game.default_params.replace(n_blues=1, n_reds=1)
     reset, step = maax.jitted(game)
     return reset(seeds.key(0), params), step
 
@@ -67,7 +67,7 @@ class Script(maax.Wrapper):
         )
         return self.start.replace(key=key, world=world, mechanics={"contact": jnp.zeros((N, N), bool)})
 
-    def step(self, state, action):
+    def transition(self, state, action):
         agents = self.base.agents
         data = state.data.replace(
             xpos=state.data.xpos.at[agents.body_ids, :2].set(action["xy"]),

@@ -88,7 +88,7 @@ def test_rewards_by_vision(team, rew_type, base, state):
     @jax.vmap
     def reward(sees, active):
         world = state.world.replace(active=state.world.active | {"agent": active})
-        mechanics = state.mechanics | {"line_of_sight": {"sees_agents": sees}}
+        mechanics = state.mechanics | {"line_of_sight": {"sees_agent": sees}}
         return env.reward(state.replace(world=world, mechanics=mechanics, reward=jnp.full(5, 0.5)))
 
     got, want = (
@@ -159,7 +159,7 @@ def test_a_phase_that_fills_the_episode_and_one_that_is_none(touching):
 
 def test_rectangle(touching, state):
     env = maax.RestrictAgentsRect(touching, (1, 1, 5, 4), penalty=10, penalize_objects_out=True)
-    box, ramp = (env.base.modules[name].qpos_ids[0, :2] for name in ("boxes", "ramps"))
+    box, ramp = (env.base.modules[name].qpos_ids[0, :2] for name in ("box", "ramp"))
     rng = seeds.rng(2)
     outs = []
     for _ in range(100):
@@ -200,10 +200,10 @@ def test_discrete_actions(touching):
 
 def test_split_spoof_join_flatten(touching):
     """Every array of the split observations, against the circulant order written out."""
-    own = ["agent_pos", "agent_angle"]
-    split = maax.SplitObservations(touching, own, ["contact_mask"], ["team_size"])
+    split = maax.SplitObservations(touching)
     raw, state = touching.reset(seeds.key(5)), split.reset(seeds.key(5))
     obs = {k: np.asarray(v) for k, v in state.obs.items()}
+    own = ["agent_qpos_qvel", "agent_team", "agent_mask"]
     for i in range(5):
         others = [(i - 1 - j) % 5 for j in range(4)]
         for key in own:
@@ -211,27 +211,28 @@ def test_split_spoof_join_flatten(touching):
             equal(obs[key][i], [raw.obs[key][j] for j in others])
         equal(obs["contact_mask"][i], [raw.obs["contact_mask"][i, j] for j in others])
         equal(obs["team_size"][i], raw.obs["team_size"][i])
-        for key in ("box_obs", "box_mask", "ramp_obs", "ramp_mask", "agent_qpos_qvel"):
+        for key in ("box_obs", "box_mask", "ramp_obs", "ramp_mask"):
             equal(obs[key][i], raw.obs[key])
+    assert not {"agent_pos", "agent_angle"} & set(obs)
     spoofed = maax.SpoofEntities(split, 3, ["box_obs"], ["box_mask"])
     padded = spoofed.reset(seeds.key(5)).obs
     equal(padded["box_obs"][:, :1], obs["box_obs"])
     assert padded["box_obs"].shape == (5, 3, 9)
     assert not padded["box_obs"][:, 1:].any()
     equal(padded["box_mask_spoof"], [[True, False, False]] * 5)
-    joined = maax.ConcatenateObservations(spoofed, {"me": ["agent_pos_self", "agent_angle_self", "team_size"]})
-    equal(joined.reset(seeds.key(5)).obs["me"][:, 3:4], obs["agent_angle_self"])
+    joined = maax.ConcatenateObservations(spoofed, {"me": ["agent_qpos_qvel_self", "agent_team_self", "team_size"]})
+    equal(joined.reset(seeds.key(5)).obs["me"][:, 8:9], obs["agent_team_self"])
     chosen = maax.SelectObservations(joined, ["me", "box_obs"])
     flat = maax.FlattenObservations(chosen)
     vector = flat.reset(seeds.key(5)).obs["obs"]
-    want = np.concatenate([np.asarray(padded["box_obs"]).reshape(5, -1), obs["agent_pos_self"]], axis=1)
+    want = np.concatenate([np.asarray(padded["box_obs"]).reshape(5, -1), obs["agent_qpos_qvel_self"]], axis=1)
     equal(vector[:, : want.shape[1]], want)
-    assert flat.observation_space["obs"].shape == vector.shape == (5, 27 + 5)
+    assert flat.observation_space["obs"].shape == vector.shape == (5, 27 + 10)
 
 
 def test_observations_are_of_the_state_after_the_step(touching):
     """MAax built them from the state before, and so froze them."""
-    env = maax.FlattenObservations(maax.SplitObservations(touching, ["agent_pos"]))
+    env = maax.FlattenObservations(maax.SplitObservations(touching))
     state, step = jax.jit(env.reset)(seeds.key(3)), jax.jit(env.step)
     assert state.world.active["agent"].any()
     columns = []
@@ -240,15 +241,13 @@ def test_observations_are_of_the_state_after_the_step(touching):
         columns.append(np.asarray(state.obs["obs"]))
         position = np.asarray(state.data.qpos)[env.base.agents.qpos_ids[:, :3]]
         active = np.asarray(state.world.active["agent"])
-        shown = sorted(["agent_pos", "agent_pos_self"])
-        assert shown[0] == "agent_pos"
         assert any((columns[-1][active] == x).any() for x in position[active, 0])
     assert (columns[0] != columns[1]).any()
 
 
 def test_a_full_stack_is_an_environment(touching):
     env = maax.PreparationPhase(maax.HideAndSeekReward(touching, "team_zero_sum"), 0.2)
-    env = maax.FlattenObservations(maax.SplitObservations(maax.DiscretizeActions(env), ["agent_pos"]))
+    env = maax.FlattenObservations(maax.SplitObservations(maax.DiscretizeActions(env)))
     worlds = maax.Worlds(env, 8)
     states = worlds.reset(seeds.key(0))
     for t in range(HORIZON):
@@ -291,15 +290,9 @@ ERRORS = {
     "rectangle": (lambda e: maax.RestrictAgentsRect(e, (3, 3, 1, 1)), "rect: got (3, 3, 1, 1); takes x0, y0, x1, y1"),
     "bins": (lambda e: maax.DiscretizeActions(e, 1), "n_bins: got 1"),
     "unknown observation": (lambda e: maax.SelectObservations(e, ["lidar"]), "observations: got ['lidar']; takes some"),
-    "split twice": (
-        lambda e: maax.SplitObservations(e, ["agent_pos"], copies=["agent_pos"]),
-        "got ['agent_pos'] twice",
-    ),
-    "not per agent": (lambda e: maax.SplitObservations(e, ["box_obs"]), "box_obs: has shape (1, 9); takes (5, 9)"),
-    "not a matrix": (lambda e: maax.SplitObservations(e, [], ["team_size"]), "team_size: has shape (5, 1)"),
     "too many": (
-        lambda e: maax.SpoofEntities(maax.SplitObservations(e, ["agent_pos"]), 2, ["agent_pos"]),
-        "agent_pos: has shape (5, 4, 3); takes (n_agents, k, ...) with k up to total, 2",
+        lambda e: maax.SpoofEntities(maax.SplitObservations(e), 2, ["agent_qpos_qvel"]),
+        "agent_qpos_qvel: has shape (5, 4, 8); takes (n_agents, k, ...) with k up to total, 2",
     ),
     "unlike parts": (
         lambda e: maax.ConcatenateObservations(e, {"all": ["box_obs", "agent_pos"]}),
