@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.checks import check_count, check_count_range
+from maax_mjx.common.keys import named_keys
 from maax_mjx.common.params import DomainParams, Parameter
-from maax_mjx.layout import PlacementFn, World, uniform_placement
+from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.placed import Places
 from maax_mjx.modules.ranged import Ranged
@@ -129,6 +130,20 @@ class Agents(Entities):
         names = [[f"{name}:{motor}" for motor in MOTORS] for name in self.names]
         self.ctrl_ids = np.array([[model.actuator(n).id for n in row] for row in names], int)
         self.driven_dofs = np.array([[model.joint(n).dofadr[0] for n in row] for row in names], int)
+
+    def seeds(self, key: jax.Array, layout: Layout) -> jax.Array:
+        return self._by_team(key, layout.seeds)
+
+    def draw(self, ranged: Ranged, key: jax.Array, params: DomainParams) -> jax.Array:
+        if not self.per_object:
+            return super().draw(ranged, key, params)
+        return self._by_team(key, lambda own_key, n: ranged.draw(own_key, params, n))
+
+    def _by_team(self, key: jax.Array, draw: Callable[[jax.Array, int], jax.Array]) -> jax.Array:
+        """(n_max, ...) of `draw(key, n)`, every team's from its own key: another's maximum does not move it."""
+        sizes = [high for _, high in self.teams.values()]
+        drawn = jax.vmap(draw, (0, None))(named_keys(key, self.teams), max(sizes))
+        return drawn[self.team_index, np.concatenate([np.arange(n) for n in sizes])]
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
         fields = super().draw_fields(key, fields, params, places)
