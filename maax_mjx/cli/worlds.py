@@ -11,9 +11,8 @@ import jax
 
 import maax_mjx as maax
 from maax_mjx.cli.options import count_of, report
-from maax_mjx.common.checks import check_choice
 from maax_mjx.core.export import world_of
-from maax_mjx.layout import PlacementFn, World
+from maax_mjx.layout import PlacementFn, World, placement_by_name
 from maax_mjx.viewer import contact_sheet
 
 Outer = Literal["walls", "limits", "none"]
@@ -26,9 +25,9 @@ class Sheet:
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; of several, every world draws one."""
     placement: tuple[str, ...] = ("uniform",)
-    """Where the agents go, each placement in worlds of its own: uniform, centre, quad, outside_quad, at:X:Y,
-    middle:FRACTION, separation:RADIUS,
-    proximity:RADIUS:OBJECT (such as proximity:1:box0), room:INDEX."""
+    """Where the agents go, each placement in worlds of its own: uniform, centre, middle, quad, outside_quad, room0,
+    room1, ..., at:X:Y, middle:FRACTION, separation:RADIUS, proximity:RADIUS:OBJECT (such as proximity:1:box0),
+    room:INDEX."""
     n: int = 12
     """How many worlds for each placement."""
     outer: Outer = "walls"
@@ -84,12 +83,8 @@ def parse_placement(text: str) -> PlacementFn:
         ValueError: an unknown name, or arguments that it does not take.
     """
     name, *values = text.split(":")
-    plain = {
-        "uniform": maax.uniform_placement,
-        "centre": maax.centre_placement,
-        "quad": maax.quad_placement,
-        "outside_quad": maax.outside_quad_placement,
-    }
+    if not values:
+        return placement_by_name(name)
     made: dict[str, Callable[..., PlacementFn]] = {
         "at": lambda x, y: maax.at_placement(float(x), float(y)),
         "middle": lambda fraction: maax.middle_placement(float(fraction)),
@@ -97,9 +92,6 @@ def parse_placement(text: str) -> PlacementFn:
         "proximity": lambda radius, to: maax.proximity_placement(float(radius), to),
         "room": lambda index: maax.room_placement(int(index)),
     }
-    check_choice("placement", name, [*plain, *made])
-    if name in plain and not values:
-        return plain[name]
     try:
         return made[name](*values)
     except (KeyError, TypeError, ValueError):

@@ -91,7 +91,8 @@ def _footprint(extent: tuple[float, float], cell: float) -> tuple[int, int]:
 
 
 def _check_quadrant(modules: Sequence[Module], grid_size: int, cell: float) -> None:
-    cells = min((m.quadrant_cells(grid_size) for m in modules if m.provides_quadrant), default=0)
+    # Without a quadrant, placement by its name is anywhere.
+    cells = min((m.quadrant_cells(grid_size) for m in modules if m.provides_quadrant), default=grid_size**2)
     inside = [
         _footprint(extent, cell)
         for m in modules

@@ -144,10 +144,7 @@ class Composition:
     @from_model
     def model(self) -> mujoco.MjModel:
         """The compiled MuJoCo model."""
-        model = self.spec.compile()
-        for m in self._modules.values():
-            getattr(m, "cache_step", lambda _: None)(model)  # TEMP
-        return model
+        return self.spec.compile()
 
     @from_model
     def overlay(self) -> Overlay:

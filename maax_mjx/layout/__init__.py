@@ -1,4 +1,4 @@
-"""Procedural generation on the device: the grid, placement fields, walls and doors. jax; never mujoco."""
+"""Procedural generation on the device: the grid, placement fields, rooms, walls and doors. jax; never mujoco."""
 
 from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.layout import Layout, PlacementFn
@@ -16,15 +16,23 @@ from maax_mjx.layout.placement import (
     separation_placement,
     uniform_placement,
 )
+from maax_mjx.layout.placements import placement_by_name, placement_names, register_placement
 from maax_mjx.layout.plan import RoomPlan
 from maax_mjx.layout.poisson import poisson_disc
+from maax_mjx.layout.rooms import Rooms
+from maax_mjx.layout.scenarios import register_scenario, scenario_names
+from maax_mjx.layout.walls import HORIZONTAL, VERTICAL, Walls
 from maax_mjx.layout.world import World
 
 __all__ = [
+    "HORIZONTAL",
+    "VERTICAL",
     "Grid",
     "Layout",
     "PlacementFn",
     "RoomPlan",
+    "Rooms",
+    "Walls",
     "World",
     "all_of",
     "any_of",
@@ -32,11 +40,16 @@ __all__ = [
     "centre_placement",
     "middle_placement",
     "outside_quad_placement",
+    "placement_by_name",
+    "placement_names",
     "poisson_disc",
     "proximity_placement",
     "quad_placement",
+    "register_placement",
+    "register_scenario",
     "requires_quadrant",
     "room_placement",
+    "scenario_names",
     "separation_placement",
     "uniform_placement",
 ]

@@ -1,204 +1,124 @@
-"""The thesis's room scenarios (4.3.3) and random rooms, drawn per world (FACTS: OpenAI's walls).
-
-A room is given by the grid lines of its walls: x0, y0, x1, y1, a wall running along each. Its cells are those between.
-"""
+"""Room scenarios by name: the thesis's (4.3.3), and those that users add."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
-from flax import struct
 
-from maax_mjx.layout.walls import HORIZONTAL, VERTICAL, Walls, cut_doors, join, outer_walls
+from maax_mjx.common.checks import check_bool, check_choice, check_count
+from maax_mjx.layout.fixed_rooms import LARGEST, SMALLEST, SPLITS, empty, half, quad, tri, var_quad
+from maax_mjx.layout.names import check_new_name
+from maax_mjx.layout.random_rooms import RandomRooms
+from maax_mjx.layout.rooms import Rooms
+from maax_mjx.layout.scenario import Cells, FixedScenario, Scenario
 
-ATTEMPTS = 10
+_SCENARIOS: dict[str, Scenario] = {"random": RandomRooms()}
 
 
-class Rooms(struct.PyTreeNode):
-    """The inner walls of a world and the rooms between them.
+def scenario_names() -> list[str]:
+    """The names that `WallScenarios` takes."""
+    return sorted(_SCENARIOS)
 
-    Attributes:
-        walls: the inner walls, without doors until `with_doors`.
-        rooms: (n_rooms, 4) int32, lines of every rectangular room.
-        room_mask: (n_rooms,) bool.
-        quadrant: () bool, whether room 0 is a quadrant.
-        valid: () bool, whether all rooms that were wanted found a place.
+
+def scenario_by_name(name: str) -> Scenario:
+    """A scenario that was registered.
+
+    Raises:
+        ValueError: an unknown name, with the nearest ones.
     """
-
-    walls: Walls
-    rooms: jax.Array
-    room_mask: jax.Array
-    quadrant: jax.Array
-    valid: jax.Array
-
-    def padded(self, n_walls: int, n_rooms: int) -> Rooms:
-        """The same with absent walls and rooms added."""
-        extra = n_rooms - self.rooms.shape[0]
-        return self.replace(
-            walls=self.walls.padded(n_walls),
-            rooms=jnp.pad(self.rooms, ((0, extra), (0, 0))),
-            room_mask=jnp.pad(self.room_mask, (0, extra)),
-        )
+    return _SCENARIOS[check_choice("scenario", name, _SCENARIOS)]
 
 
-def _rooms(walls: Walls, rooms: list, *, quadrant: bool = False) -> Rooms:
-    lines = jnp.stack([jnp.stack([jnp.asarray(x, jnp.int32) for x in room]) for room in rooms])
-    yes = jnp.ones((), bool)
-    return Rooms(walls, lines, jnp.ones(len(rooms), bool), jnp.asarray(quadrant), yes)
+def register_scenario(
+    name: str,
+    draw: Callable[[jax.Array, int], Rooms],
+    *,
+    n_walls: int,
+    n_rooms: int,
+    shortest_wall: Cells | None = None,
+    wall_cells: Cells | None = None,
+    quadrant_cells: Cells | None = None,
+    fixed_doors: bool = True,
+) -> None:
+    """Gives a room scenario of your own a name, which `WallScenarios` and the configs of games then take.
 
+    Every inner wall gets a door, so that rooms are joined if every wall between two crossings is a wall of its own.
 
-def empty(key: jax.Array, grid_size: int) -> Rooms:
-    """One room: outer walls only."""
-    last = grid_size - 1
-    return _rooms(Walls.create([], [], [], []), [(0, 0, last, last)])
+    Example:
+        from maax_mjx.layout import HORIZONTAL, VERTICAL, Rooms, Walls, register_scenario
 
+        def cross(key, grid_size):
+            m, last = grid_size // 2, grid_size - 1
+            axes = [VERTICAL, VERTICAL, HORIZONTAL, HORIZONTAL]
+            walls = Walls.create(axes, line=[m] * 4, start=[0, m, 0, m], end=[m, last, m, last])
+            rooms = [(0, 0, m, m), (m, 0, last, m), (0, m, m, last), (m, m, last, last)]
+            return Rooms.create(walls, rooms)
 
-def half(key: jax.Array, grid_size: int) -> Rooms:
-    """Two rooms: a horizontal wall across the middle."""
-    middle, last = grid_size // 2, grid_size - 1
-    walls = Walls.create([HORIZONTAL], [middle], [0], [last])
-    return _rooms(walls, [(0, 0, last, middle), (0, middle, last, last)])
-
-
-def quad(key: jax.Array, grid_size: int) -> Rooms:
-    """A quadrant of half the floor at high x, low y."""
-    return _quadrant(jnp.asarray(grid_size // 2), grid_size)
-
-
-def var_quad(key: jax.Array, grid_size: int) -> Rooms:
-    """A quadrant of 0.3 to 0.6 of the floor."""
-    share = jax.random.uniform(key, minval=0.3, maxval=0.6)
-    return _quadrant(jnp.floor(share * grid_size).astype(jnp.int32), grid_size)
-
-
-def _quadrant(size: jax.Array, grid_size: int) -> Rooms:
-    last = grid_size - 1
-    left = grid_size - size
-    walls = Walls.create([VERTICAL, HORIZONTAL], [left, size], [0, left], [size, last])
-    return _rooms(walls, [(left, 0, last, size)], quadrant=True)
-
-
-def tri(key: jax.Array, grid_size: int) -> Rooms:
-    """Three rooms: a wall across the floor, vertical or horizontal, and one from it to a random side."""
-    key_split, key_turn, key_side = jax.random.split(key, 3)
-    share = jax.random.uniform(key_split, (2,), minval=0.4, maxval=0.6)
-    first, second = jnp.floor(share * grid_size).astype(jnp.int32)
-    horizontal, high = jax.random.bernoulli(key_turn), jax.random.bernoulli(key_side)
-    last = grid_size - 1
-    start, end = jnp.where(high, first, 0), jnp.where(high, last, first)
-    axis = jnp.where(horizontal, HORIZONTAL, VERTICAL)
-    walls = Walls.create([axis, 1 - axis], [first, second], [0, start], [last, end])
-    # As if the first wall were vertical; x and y change places otherwise.
-    whole = jnp.where(high, jnp.stack([0, 0, first, last]), jnp.stack([first, 0, last, last]))
-    rooms = jnp.stack([whole, jnp.stack([start, 0, end, second]), jnp.stack([start, second, end, last])])
-    rooms = jnp.where(horizontal, rooms[:, jnp.array([1, 0, 3, 2])], rooms)
-    return _rooms(walls, list(rooms.astype(jnp.int32)))
-
-
-def random_rooms(
-    key: jax.Array, grid_size: int, n_rooms: jax.Array, max_rooms: int, min_room_size: jax.Array | int
-) -> Rooms:
-    """`n_rooms` rooms by splitting: one after the other, a wall goes from a wall to the next parallel one.
-
-    OpenAI's rule: a wall is drawn uniformly and a place on it, then a side; the new wall must be more than
-    `min_room_size` cells from the corners of the room that it splits. Ten such draws are made for each new wall.
-    Rooms stay rectangles, so that the next parallel wall is the far side of the room, and nothing is crossed.
+        register_scenario("cross", cross, n_walls=4, n_rooms=4, shortest_wall=lambda grid_size: (grid_size + 1) // 2)
+        env = maax.make("hide_and_seek", scenario="cross", hider_placement="room0")
 
     Args:
-        key: a key.
-        grid_size: cells per side.
-        n_rooms: () int32, how many are wanted.
-        max_rooms: how many there can be.
-        min_room_size: in cells.
+        name: a new one.
+        draw: `(key, grid_size) -> Rooms`, pure JAX, for a grid of `grid_size` cells per side.
+        n_walls: how many inner walls it draws, absent ones included.
+        n_rooms: how many rectangular rooms it draws, absent ones included.
+        shortest_wall: from `grid_size` to the cells of the shortest stretch of a wall between two others, theirs
+            included, so that a door that does not fit is refused when an environment is composed. None: it makes the
+            layout invalid.
+        wall_cells: from `grid_size` to how many cells its walls take at the most. None: all go from side to side.
+        quadrant_cells: from `grid_size` to how many cells its quadrant has at the least; None has no quadrant. Room 0
+            is the quadrant, and the first two walls are its walls.
+        fixed_doors: whether every wall is there, with its door, in every world; else `door_mask` is observed.
+
+    Raises:
+        ValueError: a name that is taken, what is not a function, or a wrong number. An environment that draws the
+            scenario raises one if `draw` returns something else than was registered.
     """
-    outer = outer_walls(grid_size)
-    walls = outer.padded(4 + max_rooms - 1)
-    last = grid_size - 1
-    rooms = jnp.zeros((max_rooms, 4), jnp.int32).at[0].set(jnp.array([0, 0, last, last]))
-
-    def split(carry: tuple[Walls, jax.Array, jax.Array], k: jax.Array) -> tuple[tuple, None]:
-        walls, rooms, valid = carry
-        wanted = k + 1 < n_rooms
-        wall_key, place_key, side_key = jax.random.split(jax.random.fold_in(key, k), 3)
-        wall = jax.random.randint(wall_key, (ATTEMPTS,), 0, 4 + k)
-        axis, line = walls.axis[wall], walls.line[wall]
-        start, end = walls.start[wall], walls.end[wall]
-        share = jax.random.uniform(place_key, (ATTEMPTS,))
-        at = start + 1 + jnp.floor(share * (end - start - 1)).astype(jnp.int32)
-        vertical = (axis == VERTICAL)[:, None]
-        # Of every room: its sides along the wall's line, and its extent along the wall.
-        near, far = _select(vertical, rooms[:, 0], rooms[:, 1]), _select(vertical, rooms[:, 2], rooms[:, 3])
-        low, high = _select(vertical, rooms[:, 1], rooms[:, 0]), _select(vertical, rooms[:, 3], rooms[:, 2])
-        beside = ((near == line[:, None]) | (far == line[:, None])) & (jnp.arange(max_rooms) <= k)
-        roomy = (at[:, None] - low > min_room_size) & (high - at[:, None] > min_room_size)
-        side = jnp.where(beside & roomy, jax.random.uniform(side_key, beside.shape), -1.0)
-        found = side.max(axis=1) >= 0
-        attempt = found.argmax()
-        room = side[attempt].argmax()
-        ok = wanted & found[attempt]
-        at, turned = at[attempt], vertical[attempt, 0]
-        new = 4 + k
-
-        def put(array: jax.Array, value: jax.Array) -> jax.Array:
-            return array.at[new].set(jnp.where(ok, value, array[new]))
-
-        walls = walls.replace(
-            axis=put(walls.axis, jnp.where(turned, HORIZONTAL, VERTICAL)),
-            line=put(walls.line, at),
-            start=put(walls.start, near[attempt, room]),
-            end=put(walls.end, far[attempt, room]),
-            present=put(walls.present, jnp.ones((), bool)),
-        )
-        old = rooms[room]
-        # A wall drawn across a vertical one splits the room in y, and the other way round.
-        below = old.at[3].set(jnp.where(turned, at, old[3])).at[2].set(jnp.where(turned, old[2], at))
-        above = old.at[1].set(jnp.where(turned, at, old[1])).at[0].set(jnp.where(turned, old[0], at))
-        split_rooms = rooms.at[room].set(below).at[k + 1].set(above)
-        return (walls, jnp.where(ok, split_rooms, rooms), valid & (ok | ~wanted)), None
-
-    carry = (walls, rooms, jnp.ones((), bool))
-    (walls, rooms, valid), _ = jax.lax.scan(split, carry, jnp.arange(max_rooms - 1))
-    inner = jax.tree.map(lambda x: x[4:], walls)
-    mask = (jnp.arange(max_rooms) < n_rooms) & valid
-    return Rooms(inner, rooms, mask, jnp.zeros((), bool), valid)
+    n_walls, n_rooms = check_count("n_walls", n_walls), check_count("n_rooms", n_rooms, minimum=1)
+    if not callable(draw):
+        raise ValueError(f"draw: got {draw!r}; takes a function (key, grid_size) -> Rooms")
+    cells = {"shortest_wall": shortest_wall, "wall_cells": wall_cells, "quadrant_cells": quadrant_cells}
+    for argument, value in cells.items():
+        if value is not None and not callable(value):
+            raise ValueError(f"{argument}: got {value!r}; takes a function grid_size -> cells, or None")
+    if quadrant_cells is not None and n_walls < 2:
+        raise ValueError(f"n_walls: got {n_walls} beside quadrant_cells; takes at least the quadrant's 2")
+    _SCENARIOS[name] = FixedScenario(
+        name=check_new_name(name, _SCENARIOS),
+        draw_rooms=draw,
+        n_walls=n_walls,
+        n_rooms=n_rooms,
+        shortest_wall=shortest_wall,
+        wall_cells=(lambda grid_size: n_walls * grid_size) if wall_cells is None else wall_cells,
+        quadrant_cells=quadrant_cells,
+        fixed_doors=check_bool("fixed_doors", fixed_doors),
+    )
 
 
-def _select(condition: jax.Array, a: jax.Array, b: jax.Array) -> jax.Array:
-    return jnp.where(condition, a[None], b[None])
+def _cells_inside(quadrant: int) -> int:
+    """How many cells a quadrant of so many cells per side has between its walls and the outer ones."""
+    return (quadrant - 1) * (quadrant - 2)
 
 
-class Scenario(NamedTuple):
-    """A fixed scenario: how it is drawn, and how many walls and rooms it has."""
-
-    draw: Callable[[jax.Array, int], Rooms]
-    n_walls: int
-    n_rooms: int
-
-
-SCENARIOS = {
-    "empty": Scenario(empty, 0, 1),
-    "half": Scenario(half, 1, 2),
-    "quad": Scenario(quad, 2, 1),
-    "var_quad": Scenario(var_quad, 2, 1),
-    "tri": Scenario(tri, 2, 3),
-}
-RANDOM = "random"
-
-
-def with_doors(
-    key: jax.Array, rooms: Rooms, door_cells: jax.Array | int, dropout: jax.Array | None, grid_size: int
-) -> Rooms:
-    """Cuts a door into every wall; of a quadrant's two, one alone keeps its door with probability `dropout`, if any."""
-    cut_key, drop_key, which_key = jax.random.split(key, 3)
-    wanted = jnp.ones(rooms.walls.n, bool)
-    if rooms.walls.n > 1 and dropout is not None:
-        drop = rooms.quadrant & jax.random.bernoulli(drop_key, dropout)
-        which = jax.random.bernoulli(which_key).astype(jnp.int32)
-        wanted = (jnp.arange(rooms.walls.n) != which) | ~drop
-    everything = join(rooms.walls, outer_walls(grid_size))
-    none = jnp.zeros(4, bool)
-    walls, ok = cut_doors(cut_key, everything, door_cells, jnp.concatenate([wanted, none]))
-    return rooms.replace(walls=jax.tree.map(lambda x: x[: rooms.walls.n], walls), valid=rooms.valid & ok)
+register_scenario("empty", empty, n_walls=0, n_rooms=1)
+register_scenario("half", half, n_walls=1, n_rooms=2, shortest_wall=lambda g: g)
+register_scenario(
+    "quad",
+    quad,
+    n_walls=2,
+    n_rooms=1,
+    shortest_wall=lambda g: g // 2,
+    wall_cells=lambda g: 2 * (g // 2),
+    quadrant_cells=lambda g: _cells_inside(g // 2),
+)
+register_scenario(
+    "var_quad",
+    var_quad,
+    n_walls=2,
+    n_rooms=1,
+    shortest_wall=lambda g: int(SMALLEST * g),
+    wall_cells=lambda g: 2 * int(LARGEST * g),
+    quadrant_cells=lambda g: _cells_inside(int(SMALLEST * g)),
+)
+register_scenario("tri", tri, n_walls=2, n_rooms=3, shortest_wall=lambda g: g - int(SPLITS[1] * g))

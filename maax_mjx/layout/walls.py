@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from maax_mjx.layout.choice import choose
 from maax_mjx.layout.grid import Grid
 
 VERTICAL, HORIZONTAL = 0, 1
@@ -51,7 +52,20 @@ class Walls(struct.PyTreeNode):
         start: Sequence[Scalar],
         end: Sequence[Scalar],
     ) -> Walls:
-        """Walls without doors, all present."""
+        """Walls without doors, all present.
+
+        Args:
+            axis: VERTICAL or HORIZONTAL, of every wall.
+            line: the column or row of each.
+            start: the first cell along each.
+            end: the last cell along each, included.
+
+        Raises:
+            ValueError: lists of different lengths.
+        """
+        if len({len(axis), len(line), len(start), len(end)}) > 1:
+            got = f"{len(axis)} axes, {len(line)} lines, {len(start)} starts and {len(end)} ends"
+            raise ValueError(f"walls: got {got}; takes one of each for every wall")
 
         def whole(values: Sequence[Scalar]) -> jax.Array:
             return jnp.array([jnp.asarray(x, jnp.int32) for x in values], jnp.int32)
@@ -97,16 +111,15 @@ def cut_doors(key: jax.Array, walls: Walls, door_cells: jax.Array | int, wanted:
     """
     pick_key, place_key = jax.random.split(key)
     across = walls.axis[:, None] != walls.axis[None, :]
-    meets = (walls.start[None, :] == walls.line[:, None]) | (walls.end[None, :] == walls.line[:, None])
+    meets = (walls.start[None, :] <= walls.line[:, None]) & (walls.end[None, :] >= walls.line[:, None])
     on = (walls.line[None, :] > walls.start[:, None]) & (walls.line[None, :] < walls.end[:, None])
     junction = across & meets & on & walls.present[None, :]
     points = jnp.where(junction, walls.line[None, :], walls.start[:, None])
     points = jnp.sort(jnp.concatenate([points, walls.start[:, None], walls.end[:, None]], axis=1), axis=1)
     low, high = points[:, :-1], points[:, 1:]
     usable = high - low >= door_cells + 1
-    draw = jnp.where(usable, jax.random.uniform(pick_key, usable.shape), -1.0)
-    row, best = jnp.arange(walls.n), draw.argmax(axis=1)
-    low, high = low[row, best], high[row, best]
+    row, drawn = jnp.arange(walls.n), choose(jax.random.uniform(pick_key, (walls.n,)), usable)
+    low, high = low[row, drawn], high[row, drawn]
     steps = jnp.maximum(high - low - door_cells, 1)
     place = low + 1 + jnp.floor(jax.random.uniform(place_key, (walls.n,)) * steps).astype(jnp.int32)
     wanted = wanted & walls.present & (jnp.asarray(door_cells) > 0)

@@ -2,7 +2,7 @@
 
 from maax_mjx.modules.agents import Agents
 from maax_mjx.modules.constants import FloorAttributes, WorldConstants
-from maax_mjx.modules.cylinders import Cylinders
+from maax_mjx.modules.cylinders import Cylinders, StaticCylinders
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.module import Module
 from maax_mjx.modules.objects import Boxes, Ramps
@@ -24,6 +24,7 @@ __all__ = [
     "Ramps",
     "RandomWalls",
     "Sites",
+    "StaticCylinders",
     "WallScenarios",
     "WorldConstants",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +11,10 @@ import numpy as np
 
 from maax_mjx.common.checks import check_count, check_count_range
 from maax_mjx.common.colours import GREY, TEAM_COLOURS, Colour
+from maax_mjx.common.keys import named_keys
 from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
-from maax_mjx.layout import PlacementFn, World, uniform_placement
+from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.placed import Places
@@ -142,6 +143,20 @@ class Agents(Entities):
 
     def _motors(self) -> list[list[str]]:
         return [[f"{name}:{motor}" for motor in MOTORS] for name in self.names]
+
+    def seeds(self, key: jax.Array, layout: Layout) -> jax.Array:
+        return self._by_team(key, layout.seeds)
+
+    def draw(self, ranged: Ranged, key: jax.Array, params: DomainParams) -> jax.Array:
+        if not self.per_object:
+            return super().draw(ranged, key, params)
+        return self._by_team(key, lambda own_key, n: ranged.draw(own_key, params, n))
+
+    def _by_team(self, key: jax.Array, draw: Callable[[jax.Array, int], jax.Array]) -> jax.Array:
+        """(n_max, ...) of `draw(key, n)`, every team's from its own key: another's maximum does not move it."""
+        sizes = [high for _, high in self.team_sizes.values()]
+        drawn = jax.vmap(draw, (0, None))(named_keys(key, self.team_sizes), max(sizes))
+        return drawn[self.team_index, np.concatenate([np.arange(n) for n in sizes])]
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
         fields = super().draw_fields(key, fields, params, places)

@@ -2,38 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
-from maax_mjx.common.params import DomainParams
+from maax_mjx.common.observed import POSITION, SIZE, Observed
+from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.module import BELOW
-from maax_mjx.modules.placed import Places
+from maax_mjx.modules.placed import Placed, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.physics.overlay import BOX_FIELDS, SIZE_FIELDS, cylinder_inertia, mass_rows, set_cylinders, set_masses
-from maax_mjx.worldgen import Floor, Geom, Obj
+from maax_mjx.worldgen import Floor, Geom
 
 MASS = 1.0
+"""kg."""
+
+
+class CylinderSize:
+    """Diameter and height of upright cylinders.
+
+    Args:
+        kind: of entity; the parameters are `<kind>_diameter` and `<kind>_height`.
+        diameter: metres, or a range.
+        height: metres, or a range.
+
+    Raises:
+        ValueError: a size that is not positive.
+    """
+
+    def __init__(self, kind: str, diameter: float | tuple[float, float], height: float | tuple[float, float]):
+        self.diameter = Ranged(f"{kind}_diameter", diameter, above=True, argument="diameter")
+        self.height = Ranged(f"{kind}_height", height, above=True, argument="height")
+
+    @property
+    def ranges(self) -> list[Ranged]:
+        """Both."""
+        return [self.diameter, self.height]
+
+    @property
+    def varies(self) -> bool:
+        """Whether worlds can differ in it."""
+        return self.diameter.varies or self.height.varies
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(3,) extents in metres."""
+        return np.array([self.diameter.high, self.diameter.high, self.height.high], np.float32)
+
+    def make(self, name: str, friction: float | None = None) -> Geom:
+        """A cylinder of the largest size."""
+        size = (self.diameter.high, self.height.high)
+        return Geom("cylinder", size, name=name, mass=MASS, friction=friction, rgba=(0.55, 0.45, 0.7, 1.0))
+
+    def draw(self, draw: Callable[[Ranged], jax.Array]) -> jax.Array:
+        """(n, 3) extents in metres, where `draw` gives (n,) numbers of a range."""
+        diameter, height = draw(self.diameter), draw(self.height)
+        return jnp.stack([diameter, diameter, height], axis=1)
 
 
 class Cylinders(Entities):
-    """Upright cylinders of 1 kg, movable or fixed to the floor (OpenAI's shelter game protects a fixed one).
+    """Upright cylinders of 1 kg that agents can push.
 
-    MJX's own JAX physics has no contacts between a cylinder and a box, a wall or a ramp; `impl="jax"` refuses a
-    movable one beside any of these, and a fixed one beside a box or a ramp, `warp` and `c` take it.
+    MJX's own JAX physics has no contacts between a cylinder and a box, a wall or a ramp; `impl="jax"` refuses one
+    beside any of these, `warp` and `c` take it.
 
     Args:
         n: how many per world, or (low, high); drawn uniformly.
         diameter: metres, or a range.
         height: metres, or a range.
-        static: whether they are fixed where they are placed.
         placement_fn: one function for all, or a list with one per slot.
         friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
         per_object: whether every cylinder draws its own from the ranges, or all of a world share one draw, as OpenAI's.
@@ -42,10 +85,7 @@ class Cylinders(Entities):
         ValueError: a negative or reversed count, or a size that is not positive.
     """
 
-    name = "cylinders"
     kind = "cylinder"
-    count_name = "n_cylinders"
-    friction_name = "cylinder_friction"
     is_round = True
 
     def __init__(
@@ -53,89 +93,158 @@ class Cylinders(Entities):
         n: int | tuple[int, int] = 1,
         diameter: float | tuple[float, float] = 0.5,
         height: float | tuple[float, float] = 0.5,
-        static: bool = False,
         placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
         friction: float | tuple[float, float] | None = None,
         per_object: bool = True,
     ):
-        self.diameter = Ranged("cylinder_diameter", diameter, above=True, argument="diameter")
-        self.height = Ranged("cylinder_height", height, above=True, argument="height")
-        extent = (self.diameter.high, self.diameter.high, self.height.high)
-        super().__init__(n, extent, placement_fn, friction=friction, per_object=per_object)
-        self.static = static
+        self.size = CylinderSize(self.kind, diameter, height)
+        super().__init__(n, self.size.largest.tolist(), placement_fn, friction=friction, per_object=per_object)
 
     @property
     def sizes_vary(self) -> bool:
-        return bool(self.n_max) and (self.diameter.varies or self.height.varies)
+        return bool(self.n_max) and self.size.varies
 
     @property
     def ranges(self) -> list[Ranged]:
-        return [*super().ranges, self.diameter, self.height]
+        return [*super().ranges, *self.size.ranges]
 
     @property
     def overlay(self) -> Overlay:
-        if self.static:
-            return self.friction_rows | dict.fromkeys(BOX_FIELDS, self.geom_ids)
         if not self.sizes_vary:
             return super().overlay
         sizes = dict.fromkeys(SIZE_FIELDS, self.geom_ids)
         return super().overlay | sizes | mass_rows(self.body_ids, self.qvel_ids)
 
-    def make(self, name: str) -> Obj:
-        rgba = (0.55, 0.45, 0.7, 1.0)
-        size = (self.diameter.high, self.height.high)
-        return Geom("cylinder", size, name=name, mass=MASS, rgba=rgba)
-
-    def build_step(self, floor: Floor, grid_size: int) -> None:
-        if not self.static:
-            return super().build_step(floor, grid_size)
-        for name in self.names:
-            floor.append(self.make(name).mark_static(), "parking", (0.5, 0.5))
-        return None
-
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        if not self.static:
-            return super().cache_step(model)
-        self.geom_ids = self.all_geom_ids = np.array([model.geom(name).id for name in self.names], int)
-        self.slot_of_geom = np.arange(self.n_max)
-        return None
-
-    def geoms_of(self, spec: mujoco.MjSpec, name: str) -> list[mujoco.MjsGeom]:
-        return [spec.geom(name)] if self.static else super().geoms_of(spec, name)
+    def make(self, name: str) -> Geom:
+        return self.size.make(name)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
-        diameter, height = self.draw(self.diameter, key, params), self.draw(self.height, key, params)
-        return jnp.stack([diameter, diameter, height], axis=1)
-
-    def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
-        if not self.static:
-            return super().write(key, layout, params, places)
-        height = jnp.where(places.active, places.extents[:, 2] / 2, BELOW)
-        pos = jnp.concatenate([places.centre, height[:, None]], axis=1)
-        fields = layout.fields | {"geom_pos": with_rows(layout.fields["geom_pos"], self.geom_ids, pos)}
-        return layout.replace(fields=self.draw_fields(key, fields, params, places))
+        return self.size.draw(lambda ranged: self.draw(ranged, key, params))
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
         fields = super().draw_fields(key, fields, params, places)
-        if self.sizes_vary or self.static:
-            fields = set_cylinders(fields, self.geom_ids, places.extents / 2)
-        if self.sizes_vary and not self.static:
-            mass = jnp.full(self.n_max, MASS)
-            inertia = cylinder_inertia(mass, places.extents)
-            fields = set_masses(fields, self.body_ids, self.qvel_ids, mass, inertia)
-        return fields
+        if not self.sizes_vary:
+            return fields
+        fields = set_cylinders(fields, self.geom_ids, places.extents / 2)
+        mass = jnp.full(self.n_max, MASS)
+        return set_masses(fields, self.body_ids, self.qvel_ids, mass, cylinder_inertia(mass, places.extents))
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """As of `Entities`; of static ones `static_cylinder_pos` (n_max, 3) instead. Diameter, diameter and height
-        (n_max, 3) in `cylinder_size` where worlds differ in them.
+        """Adds `cylinder_size` (n_max, 3) where worlds differ in it: diameter, diameter and height in metres."""
+        return super().observation_step(world, data) | _observed_size(self, world)
+
+    def declared(self) -> dict[str, Observed]:
+        return super().declared() | _declared_size(self)
+
+
+class StaticCylinders(Placed):
+    """Upright cylinders that are fixed to the floor where they are placed (OpenAI's shelter game protects one).
+
+    MJX's own JAX physics has no contacts between a cylinder and a box or a ramp; `impl="jax"` refuses one beside any of
+    these, `warp` and `c` take it.
+
+    Args:
+        n: how many per world, or (low, high); drawn uniformly.
+        diameter: metres, or a range.
+        height: metres, or a range.
+        placement_fn: one function for all, or a list with one per slot.
+        friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
+        per_object: whether every cylinder draws its own from the ranges, or all of a world share one draw, as OpenAI's.
+
+    Raises:
+        ValueError: a negative or reversed count, or a size that is not positive.
+    """
+
+    kind = "static_cylinder"
+    is_round = True
+
+    def __init__(
+        self,
+        n: int | tuple[int, int] = 1,
+        diameter: float | tuple[float, float] = 0.5,
+        height: float | tuple[float, float] = 0.5,
+        placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
+        friction: float | tuple[float, float] | None = None,
+        per_object: bool = True,
+    ):
+        super().__init__(n, placement_fn)
+        self.size = CylinderSize(self.kind, diameter, height)
+        self.extent = self.size.largest
+        self.friction = None if friction is None else Ranged(f"{self.kind}_friction", friction, argument="friction")
+        self.per_object = per_object
+
+    @property
+    def sizes_vary(self) -> bool:
+        return bool(self.n_max) and self.size.varies
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        ranges = self.size.ranges if self.friction is None else [self.friction, *self.size.ranges]
+        return super().parameters + [p for ranged in ranges for p in ranged.parameters]
+
+    @property
+    def overlay(self) -> Overlay:
+        frictions = self.friction is not None and self.friction.varies
+        return dict.fromkeys(BOX_FIELDS + ("geom_friction",) * frictions, self.geom_ids)
+
+    @property
+    def contact_points(self) -> float:
+        return Entities.contacts_each * self.n_max
+
+    @from_model
+    def geom_ids(self) -> np.ndarray:
+        """(n_max,) their geoms."""
+        return np.array([self.model.geom(name).id for name in self.names], int)
+
+    def build_step(self, floor: Floor, grid_size: int) -> None:
+        friction = self.friction.high if self.friction else None
+        for name in self.names:
+            floor.append(self.size.make(name, friction).mark_static(), "parking", (0.5, 0.5))
+
+    def draw(self, ranged: Ranged, key: jax.Array, params: DomainParams) -> jax.Array:
+        """(n_max,) of a number that may be a range."""
+        return ranged.draw(key, params, self.n_max, shared=not self.per_object)
+
+    def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
+        return self.size.draw(lambda ranged: self.draw(ranged, key, params))
+
+    def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
+        height = jnp.where(places.active, places.extents[:, 2] / 2, BELOW)
+        position = jnp.concatenate([places.centre, height[:, None]], axis=1)
+        fields = set_cylinders(layout.fields, self.geom_ids, places.extents / 2)
+        fields["geom_pos"] = with_rows(fields["geom_pos"], self.geom_ids, position)
+        if self.friction is not None and self.friction.varies:
+            sliding = self.draw(self.friction, key, params)
+            fields["geom_friction"] = fields["geom_friction"].at[self.geom_ids, 0].set(sliding)
+        return layout.replace(fields=fields)
+
+    def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
+        """`static_cylinder_pos` (n_max, 3) centres in metres and `static_cylinder_mask` (n_max,).
+
+        `static_cylinder_size` (n_max, 3), where worlds differ in it: diameter, diameter and height in metres. Absent
+        ones are zero.
         """
         if not self.n_max:
             return {}
         active = world.active[self.kind]
-        if self.static:
-            obs = {"static_cylinder_pos": data.geom_xpos[self.geom_ids], "static_cylinder_mask": active}
-        else:
-            obs = super().observation_step(world, data)
-        if self.sizes_vary:
-            obs["cylinder_size"] = self.extents_of(world)
-        return {name: jnp.where(active[:, None], x, 0.0) if x.ndim == 2 else x for name, x in obs.items()}
+        position = jnp.where(active[:, None], data.geom_xpos[self.geom_ids], 0.0)
+        obs = {"static_cylinder_pos": position, "static_cylinder_mask": active}
+        return obs | _observed_size(self, world)
+
+    def declared(self) -> dict[str, Observed]:
+        if not self.n_max:
+            return {}
+        places = {f"{self.kind}_pos": Observed((self.kind,), POSITION), f"{self.kind}_mask": Observed((self.kind,))}
+        return places | _declared_size(self)
+
+
+def _declared_size(module: Cylinders | StaticCylinders) -> dict[str, Observed]:
+    return {f"{module.kind}_size": Observed((module.kind,), SIZE)} if module.sizes_vary else {}
+
+
+def _observed_size(module: Cylinders | StaticCylinders, world: World) -> dict[str, jax.Array]:
+    """`<kind>_size` (n_max, 3) where worlds differ in it; absent ones are zero."""
+    if not module.sizes_vary:
+        return {}
+    active = world.active[module.kind]
+    return {f"{module.kind}_size": jnp.where(active[:, None], module.extents_of(world), 0.0)}

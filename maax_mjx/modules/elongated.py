@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.checks import check_count_range
-from maax_mjx.common.keys import draw_integer
+from maax_mjx.common.keys import draw_integer, named_key
 from maax_mjx.common.params import DomainParams, Parameter
 
 LONG, THIN = 3.3, 0.3
@@ -51,7 +51,7 @@ class Elongated:
         """(n_max, 3) factors of the extents: any number of the elongated lie along x, the others along y."""
         if not self.possible:
             return jnp.ones((self.n_max, 3))
-        count_key, along_key = jax.random.split(jax.random.fold_in(key, self.n_max + 2))
+        count_key, along_key = jax.random.split(named_key(key, "elongated"))
         low, high = params[self.name]
         high = jnp.minimum(high, wanted.sum())
         n_long = draw_integer(count_key, jnp.minimum(low, high), high)

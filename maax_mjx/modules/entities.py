@@ -30,7 +30,6 @@ class Entities(Placed):
         rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
             gravity. Put down at exactly zero it would be in contact or fall by the last bit of a float, and no two
             engines would agree on its first steps.
-        static: whether they are fixed to the floor; all others move.
         contacts_each: contact points of one in a jam, on MJX, which gives some points twice. In 128 worlds of M, jammed
             for 1,000 steps under full force at -50 m/s^2, the most were 23, of 31 that this makes.
 
@@ -46,7 +45,6 @@ class Entities(Placed):
 
     rest_depth = 1.08e-4
     contacts_each = 6.5
-    static = False
     friction_name: str = ""
     friction_argument = "friction"
 

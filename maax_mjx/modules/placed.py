@@ -11,6 +11,7 @@ import numpy as np
 from flax import struct
 
 from maax_mjx.common.checks import check_count_range, check_per_object
+from maax_mjx.common.keys import named_key
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.module import Module
@@ -121,6 +122,10 @@ class Placed(Module):
         """Writes what was placed into the layout."""
         raise NotImplementedError
 
+    def seeds(self, key: jax.Array, layout: Layout) -> jax.Array:
+        """(n_max, 3) uint32 for `Layout.place`, every slot's own: the same whatever the maximum."""
+        return layout.seeds(key, self.n_max)
+
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
         if not self.n_max:
             return layout.replace(active=layout.active | {self.kind: jnp.zeros(0, bool)})
@@ -128,7 +133,7 @@ class Placed(Module):
         extents = self.draw_extents(key, params, wanted)
         yaw = self._draw_yaw(key, layout)
         turned = extents[:, :2] if self.is_round else turned_extents(extents, yaw)
-        seeds = layout.seeds(key, self.n_max)
+        seeds = self.seeds(key, layout)
         centres, placed = [], []
         for i, fn in enumerate(self.placement_fns):
             layout, centre, ok = layout.place(self.names[i], seeds[i], turned[i], fn, wanted[i])
@@ -144,7 +149,7 @@ class Placed(Module):
         """(n_max,) radians in [0, 2 pi); zeros unless `random_yaw`."""
         if not self.random_yaw:
             return jnp.zeros(self.n_max)
-        bits = layout.seeds(jax.random.fold_in(key, self.n_max + 1), self.n_max)[:, 0]
+        bits = self.seeds(named_key(key, "yaw"), layout)[:, 0]
         return (bits >> 8).astype(jnp.float32) / 2**24 * 2 * jnp.pi
 
 

@@ -6,19 +6,18 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
 from maax_mjx.common.checks import check_choice, check_count, check_count_range, check_fraction
-from maax_mjx.common.keys import draw_integer
 from maax_mjx.common.observed import POSITION, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, World
 from maax_mjx.layout import walls as wall_layout
-from maax_mjx.layout.grid import JAMMING
 from maax_mjx.layout.redraw import redraw
-from maax_mjx.layout.scenarios import RANDOM, SCENARIOS, Rooms, random_rooms, with_doors
+from maax_mjx.layout.rooms import Rooms, with_doors
+from maax_mjx.layout.scenarios import scenario_by_name
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.module import BELOW, Module
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Overlay
@@ -28,10 +27,8 @@ from maax_mjx.worldgen import Floor, Geom
 OUTER_HEIGHT = 4.0
 INNER_HEIGHT = 0.5
 OUTER = ("walls", "limits", "none")
-QUADRANTS = ("quad", "var_quad")
-ROOM_TRIES = 8
 WAY = 0.32
-"""What agents of 0.3 m pass, in metres."""
+"""Metres that agents of 0.3 m pass."""
 
 
 class WallScenarios(Module):
@@ -42,8 +39,8 @@ class WallScenarios(Module):
 
     Args:
         scenario: "empty" (outer walls only), "half" (two rooms), "quad" (a quadrant at high x, low y, with a door in
-            each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), or several of
-            these, of which every world draws one.
+            each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), one of your own
+            (see `layout.register_scenario`), or several of these, of which every world draws one.
         door_size: doors in cells; the true opening is one cell and a thickness wider. 0 makes walls without doors.
         p_door_dropout: how likely it is that only one of a quadrant's walls has a door, or (low, high).
         probabilities: of the scenarios, where there are several; None is all alike.
@@ -75,31 +72,27 @@ class WallScenarios(Module):
         friction: float | tuple[float, float] | None = None,
         outer: str = "walls",
     ):
-        names = list(scenario) if isinstance(scenario, list | tuple) else [scenario]
+        names: list = list(scenario) if isinstance(scenario, list | tuple) else [scenario]
         if not names:
             raise ValueError("scenario: got none; takes at least one")
-        self.scenarios = [check_choice("scenario", name, [*SCENARIOS, RANDOM]) for name in names]
-        self.door_size = check_count("door_size", door_size)
-        self.p_door_dropout = check_fraction("p_door_dropout", p_door_dropout)
-        if self.p_door_dropout[1] > 0 and not (set(names) & set(QUADRANTS) and door_size):
-            raise ValueError(f"p_door_dropout: got {p_door_dropout!r} without a quadrant's doors; takes 0 there")
-        self.probabilities = _check_probabilities(probabilities, len(names))
         self.n_rooms = check_count_range("n_rooms", n_rooms, minimum=1)
         self.min_room_size = check_count("min_room_size", min_room_size, minimum=1)
+        self._drawn = [scenario_by_name(name).sized(self.n_rooms, self.min_room_size) for name in names]
+        self.scenarios: list[str] = names
+        self.provides_quadrant = any(scenario.quadrant_cells for scenario in self._drawn)
+        self.door_size = check_count("door_size", door_size)
+        self.p_door_dropout = check_fraction("p_door_dropout", p_door_dropout)
+        if self.p_door_dropout[1] > 0 and not (self.provides_quadrant and self.door_size):
+            raise ValueError(f"p_door_dropout: got {p_door_dropout!r} without a quadrant's doors; takes 0 there")
+        self.probabilities = _check_probabilities(probabilities, len(names))
         self.prob_outside_walls = check_fraction("prob_outside_walls", prob_outside_walls)
         self.friction = None if friction is None else Ranged("wall_friction", friction, argument="friction")
         self.outer = check_choice("outer", outer, OUTER)
         self.limits_arena = outer == "limits"
         if outer != "walls" and (low_outside_walls or self.prob_outside_walls != (1.0, 1.0)):
             raise ValueError(f"low_outside_walls, prob_outside_walls: there are no outer walls with outer={outer!r}")
-        self.provides_quadrant = any(name in QUADRANTS for name in self.scenarios)
-        sizes = [
-            (self.n_rooms[1] - 1, self.n_rooms[1])
-            if name == RANDOM
-            else (SCENARIOS[name].n_walls, SCENARIOS[name].n_rooms)
-            for name in self.scenarios
-        ]
-        self.n_inner, self._max_rooms = max(s[0] for s in sizes), max(s[1] for s in sizes)
+        self.n_inner = max(scenario.n_walls for scenario in self._drawn)
+        self._max_rooms = max(scenario.n_rooms for scenario in self._drawn)
         self.n_outer = 4 if outer == "walls" else 0
         self.n_walls = self.n_outer + 2 * self.n_inner
         height = INNER_HEIGHT if low_outside_walls else OUTER_HEIGHT
@@ -112,14 +105,17 @@ class WallScenarios(Module):
             parameters.append(Parameter("prob_outside_walls", self.prob_outside_walls, (0.0, 1.0)))
         if self.provides_quadrant and self.door_size:
             parameters.append(Parameter("p_door_dropout", self.p_door_dropout, (0.0, 1.0)))
-        if RANDOM in self.scenarios:
-            parameters.append(Parameter("n_rooms", self.n_rooms, (1, self.n_rooms[1])))
-        return parameters
+        return parameters + [p for scenario in self._drawn for p in scenario.parameters]
 
     @property
     def overlay(self) -> Overlay:
         varies = self.friction is not None and self.friction.varies
-        return dict.fromkeys(BOX_FIELDS + ("geom_friction",) * varies, self._geom_ids)
+        return dict.fromkeys(BOX_FIELDS + ("geom_friction",) * varies, self.geom_ids)
+
+    @from_model
+    def geom_ids(self) -> np.ndarray:
+        """(n_walls,) geoms of the outer walls, and then of both pieces of every inner one."""
+        return np.array([self.model.geom(f"wall{i}").id for i in range(self.n_walls)], int)
 
     def check(self, grid_size: int, floor_size: float) -> None:
         g = grid_size
@@ -129,30 +125,23 @@ class WallScenarios(Module):
                 f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m on the smallest floor; takes "
                 f"one of at least {WAY} m, so that agents pass"
             )
-        most = max(int(JAMMING * (g - 1) ** 2 / (self.min_room_size + 1) ** 2), 2)
-        if RANDOM in self.scenarios and self.n_rooms[1] > most:
+        for scenario in self._drawn:
+            scenario.check(g)
+        walls = [scenario.shortest_wall(g) for scenario in self._drawn if scenario.shortest_wall]
+        shortest = min(walls, default=self.door_size + 2)
+        if self.door_size > shortest - 2:
             raise ValueError(
-                f"n_rooms: got {self.n_rooms[1]}; takes at most {most} of min_room_size {self.min_room_size} on "
-                f"{g} x {g} cells, of which random rooms fill {JAMMING:.0%}"
+                f"door_size: got {self.door_size} cells; takes 0 to {shortest - 2}, so that the shortest wall, of "
+                f"{shortest} cells, keeps one on either side"
             )
-        lengths = {"half": g - 1, "quad": g // 2 - 1, "var_quad": int(0.3 * g) - 1, "tri": g - 1 - int(0.6 * g)}
-        lengths[RANDOM] = self.min_room_size + 1
-        shortest = min([lengths[name] for name in self.scenarios if name in lengths], default=self.door_size + 1)
-        if self.door_size >= shortest:
-            raise ValueError(
-                f"door_size: got {self.door_size} cells; takes 0 to {shortest - 1}, so that the shortest wall, of "
-                f"{shortest + 1} cells, keeps one on either side"
-            )
-        if RANDOM in self.scenarios and self.n_rooms[1] > 1 and 2 * (self.min_room_size + 1) > g - 1:
-            raise ValueError(f"min_room_size: got {self.min_room_size} cells; two such rooms are wider than {g} cells")
 
     def wall_cells(self, grid_size: int) -> int:
-        longest = grid_size if {"half", "tri", RANDOM} & set(self.scenarios) else grid_size // 2
-        return (4 * grid_size - 4 if self.n_outer else 0) + self.n_inner * longest
+        outer = 4 * grid_size - 4 if self.n_outer else 0
+        return outer + max(scenario.wall_cells(grid_size) for scenario in self._drawn)
 
     def quadrant_cells(self, grid_size: int) -> int:
-        share = 0.3 if "var_quad" in self.scenarios else 0.5
-        return (int(share * grid_size) - 1) ** 2
+        sizes = [scenario.quadrant_cells(grid_size) for scenario in self._drawn if scenario.quadrant_cells]
+        return min(sizes, default=0)
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
         thick = floor.edge / grid_size / 2
@@ -161,9 +150,6 @@ class WallScenarios(Module):
             friction = self.friction.high if self.friction else None
             wall = Geom("box", size, name=f"wall{i}", friction=friction, rgba=(0.6, 0.6, 0.62, 1.0))
             floor.append(wall.mark_static(), "parking")
-
-    def cache_step(self, model: mujoco.MjModel) -> None:
-        self._geom_ids = np.array([model.geom(f"wall{i}").id for i in range(self.n_walls)], int)
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
         cell, g = layout.grid.cell, layout.grid.size
@@ -199,11 +185,11 @@ class WallScenarios(Module):
         pos, half = _box_geometry(rects, jnp.asarray(self._heights), mask)
         fields = layout.fields
         if self.n_walls:
-            fields = set_boxes(fields, self._geom_ids, half)
-            fields["geom_pos"] = with_rows(fields["geom_pos"], self._geom_ids, pos)
+            fields = set_boxes(fields, self.geom_ids, half)
+            fields["geom_pos"] = with_rows(fields["geom_pos"], self.geom_ids, pos)
         if self.n_walls and self.friction is not None and self.friction.varies:
             sliding = self.friction.draw(key, params, self.n_walls, shared=True)
-            fields["geom_friction"] = fields["geom_friction"].at[self._geom_ids, 0].set(sliding)
+            fields["geom_friction"] = fields["geom_friction"].at[self.geom_ids, 0].set(sliding)
         return layout.replace(
             grid=wall_layout.mark(wall_layout.mark(layout.grid, outer), rooms.walls),
             plan=plan,
@@ -229,30 +215,25 @@ class WallScenarios(Module):
 
     @property
     def _doors_are_fixed(self) -> bool:
-        return len(self.scenarios) == 1 and RANDOM not in self.scenarios and not self.provides_quadrant
+        return len(self._drawn) == 1 and self._drawn[0].fixed_doors and not self.provides_quadrant
 
     def _draw_rooms(
         self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
     ) -> Rooms:
-        """Rooms with their doors; random ones are drawn again here, so that the rest of a layout is not."""
-        if RANDOM not in self.scenarios:
+        """Rooms with their doors, drawn again here where they may fit badly, so that the rest of a layout is not."""
+        tries = max(scenario.tries for scenario in self._drawn)
+        if tries == 1:
             return self._draw_once(which, count_key, key, grid_size, params)
-        return redraw(
-            lambda i: self._draw_once(which, count_key, jax.random.fold_in(key, i), grid_size, params), ROOM_TRIES
-        )
+        return redraw(lambda i: self._draw_once(which, count_key, jax.random.fold_in(key, i), grid_size, params), tries)
 
     def _draw_once(
         self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
     ) -> Rooms:
         draw_key, door_key, drop_key = jax.random.split(key, 3)
-        drawn = []
-        for name in self.scenarios:
-            if name == RANDOM:
-                n_rooms = draw_integer(count_key, *params["n_rooms"])
-                rooms = random_rooms(draw_key, grid_size, n_rooms, self.n_rooms[1], self.min_room_size)
-            else:
-                rooms = SCENARIOS[name].draw(draw_key, grid_size)
-            drawn.append(rooms.padded(self.n_inner, self._max_rooms))
+        drawn = [
+            scenario.draw(draw_key, count_key, grid_size, params).padded(self.n_inner, self._max_rooms)
+            for scenario in self._drawn
+        ]
         rooms = jax.tree.map(lambda *x: jnp.stack(x)[which], *drawn)
         if not self.door_size:
             return rooms
@@ -292,7 +273,7 @@ class RandomWalls(WallScenarios):
         if not outside_walls and outer == "limits":
             raise ValueError("outside_walls: got False beside outer='limits'; takes True there")
         super().__init__(
-            RANDOM,
+            "random",
             door_size,
             n_rooms=n_rooms,
             min_room_size=min_room_size,

@@ -154,7 +154,7 @@ def test_sheet_of_worlds(tmp_path, capsys):
     assert np.asarray(Image.open(tmp_path / "a" / "b.png")).std() > 10
 
 
-@pytest.mark.parametrize("text", ["middle", "quad:3", "nowhere", "room:x", "proximity:1"])
+@pytest.mark.parametrize("text", ["middle:x", "quad:3", "nowhere", "room:x", "proximity:1"])
 def test_placements_that_are_none(text):
     with pytest.raises(ValueError, match="placement: got"):
         parse_placement(text)

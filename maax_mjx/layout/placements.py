@@ -1,0 +1,91 @@
+"""Placement functions by name, as configs and commands take them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from maax_mjx.common.checks import check_choice
+from maax_mjx.layout.layout import PlacementFn
+from maax_mjx.layout.names import check_new_name
+from maax_mjx.layout.placement import (
+    centre_placement,
+    middle_placement,
+    outside_quad_placement,
+    quad_placement,
+    room_placement,
+    uniform_placement,
+)
+
+MIDDLE = 0.5
+"""Share of the floor's edge, of the square that is called "middle"."""
+ROOM = "room"
+
+
+def _or_anywhere(fn: PlacementFn) -> PlacementFn:
+    """The same placement, which an environment without a quadrant takes, too."""
+    placement = partial(fn)
+    placement.inside_quadrant = getattr(fn, "inside_quadrant", False)  # type: ignore[attr-defined]
+    return placement
+
+
+_PLACEMENTS: dict[str, PlacementFn] = {
+    "uniform": uniform_placement,
+    "centre": centre_placement,
+    "middle": middle_placement(MIDDLE),
+    "quad": _or_anywhere(quad_placement),
+    "outside_quad": _or_anywhere(outside_quad_placement),
+}
+
+
+def placement_names() -> list[str]:
+    """The names that `placement_by_name` takes, "room0", "room1", ... apart."""
+    return sorted(_PLACEMENTS)
+
+
+def placement_by_name(name: str, argument: str = "placement") -> PlacementFn:
+    """A placement function by its name.
+
+    "uniform" is anywhere, "centre" in the middle to the cell, "middle" in the central square of half the floor's edge,
+    "quad" and "outside_quad" in and outside the quadrant, both anywhere in an environment without one, "room0",
+    "room1", ... in that room (see `room_placement`). Others are those of `register_placement`.
+
+    Args:
+        name: of the placement.
+        argument: what the name was passed as, for the message.
+
+    Raises:
+        ValueError: an unknown name, with the nearest ones.
+    """
+    if isinstance(name, str) and name not in _PLACEMENTS and _is_room(name):
+        return room_placement(int(name.removeprefix(ROOM)))
+    return _PLACEMENTS[check_choice(argument, name, [*_PLACEMENTS, f"{ROOM}0", f"{ROOM}1"])]
+
+
+def register_placement(name: str, placement_fn: PlacementFn) -> None:
+    """Gives a placement function of your own a name, which the configs of games then take.
+
+    Example:
+        def left_half(layout, cells):
+            g = layout.grid.size
+            return jnp.broadcast_to((jnp.arange(g) + cells[0] <= g // 2)[:, None], (g, g))
+
+        register_placement("left_half", left_half)
+        env = maax.make("hide_and_seek", seeker_placement="left_half")
+
+    Args:
+        name: a new one, and not "room0", "room1", ...
+        placement_fn: `(layout, cells) -> weights`.
+
+    Raises:
+        ValueError: a name that is taken, or what is not a function.
+    """
+    check_new_name(name, _PLACEMENTS)
+    if _is_room(name):
+        raise ValueError(f"name: got {name!r}; takes a name that is not of a room")
+    if not callable(placement_fn):
+        raise ValueError(f"placement_fn: got {placement_fn!r}; takes a function (layout, cells) -> weights")
+    _PLACEMENTS[name] = placement_fn
+
+
+def _is_room(name: str) -> bool:
+    return name.startswith(ROOM) and name.removeprefix(ROOM).isdecimal()
