@@ -1,4 +1,4 @@
-"""What benchmarks share: common options, the command line, and the loop that measures and writes what is missing."""
+"""Pieces that benchmarks share: options, the command line, and the loop that measures and writes what is missing."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Command(Generic[C]):
 
     @property
     def description(self) -> str:
-        """What the program does, at length."""
+        """Description of what the program does."""
         return sys.modules[self.config.__module__].__doc__ or ""
 
     def parse(self, args: Sequence[str] | None = None, prog: str | None = None) -> C:

@@ -34,7 +34,7 @@ PARTS = {
     "rewards": ("HideAndSeekReward", "RestrictAgentsRect"),
     REST: ("Base", "TeamMembership", "AgentAgentContactMask2D", "PreparationPhase", "TrackStats", "DiscretizeActions"),
 }
-"""The names of operations of every part. The rest is also what `Worlds` does, and what is copied from step to step."""
+"""Names of operations, by part. The rest is also what `Worlds` does, and what is copied from step to step."""
 PART_OF = {name: part for part, names in PARTS.items() for name in names}
 
 
@@ -109,7 +109,7 @@ class Row(Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All combinations."""
+    """Combinations of the options."""
     return (Case(*case) for case in product(config.env, config.impl, config.worlds))
 
 

@@ -60,7 +60,7 @@ class Config(Options):
 
 @dataclass(frozen=True)
 class Case:
-    """What is measured; `worlds` of every device."""
+    """Measurement to be made; `worlds` is per device."""
 
     env: str
     impl: str
@@ -72,7 +72,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row(Case, Measured):
-    """A case, its env-steps per second of all worlds, and how many times those of one device that is."""
+    """A case with its env-steps per second of all worlds, and how many times those of one device that is."""
 
     steps: int
     rollouts: int
@@ -84,7 +84,7 @@ class Row(Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """One device first, which the others are compared with."""
+    """Cases, one device first, which the others are compared with."""
     for impl in config.impl:
         yield Case(config.env, impl, config.worlds, 1, 1, "jit")
         for n in config.devices:

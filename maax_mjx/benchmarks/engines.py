@@ -71,7 +71,7 @@ class Config(Protocol):
 
 @dataclass(frozen=True)
 class Case:
-    """What is measured."""
+    """Measurement to be made."""
 
     engine: str
     worlds: int
@@ -85,7 +85,7 @@ class Row(Figures, Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All of them; what differs in nothing but the actions is neighbours, since it compiles once."""
+    """Cases; those that differ in their actions alone are neighbours, since they compile once."""
     for engine, n_worlds, iterations, held in product(
         config.engines, sorted(config.worlds, reverse=True), config.iterations, config.held
     ):
@@ -109,7 +109,7 @@ def make(case: Case) -> Rolling:
 
 @lru_cache(maxsize=1)
 def _batch(engine: str, n_worlds: int, iterations: int) -> Rolling:
-    """Kept for the next case, so that what differs in its actions alone compiles once."""
+    """A batch, kept for the next case: cases that differ in their actions alone compile once."""
     env, _, xml = exported()
     model = mujoco.MjModel.from_xml_string(for_brax(xml) if engine in BRAX else xml)
     model.opt.iterations = model.opt.ls_iterations = iterations
@@ -119,7 +119,7 @@ def _batch(engine: str, n_worlds: int, iterations: int) -> Rolling:
 
 
 def count_faults(positions: np.ndarray) -> int:
-    """In how many of the worlds at `positions` (n_worlds, nq) is what an environment calls a fault, NaN included."""
+    """Number of worlds, of those at `positions` (n_worlds, nq), that an environment calls faulty, NaN included."""
     env, first, _ = exported()
     ids = np.concatenate([m.qpos_ids[:, :3] for m in env.movables])
     is_agent = np.concatenate([np.full(m.n_max, m is env.agents) for m in env.movables])

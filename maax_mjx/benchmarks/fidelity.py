@@ -159,7 +159,7 @@ class Reference:
 
 @lru_cache(maxsize=1)
 def reference(impl: str, n_worlds: int, n_steps: int, every: int) -> Reference:
-    """The same for all engines of a run."""
+    """The reference that all engines of a run share."""
     return Reference(impl, n_worlds, n_steps, every)
 
 
@@ -180,7 +180,7 @@ def converged(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All combinations."""
+    """Combinations of the options."""
     return (Case(i, n, config.worlds, config.steps) for i, n in product(config.impl, config.iterations))
 
 
@@ -230,7 +230,7 @@ def measure(case: Case, config: Config) -> Row:
 
 
 def errors(states: State, env: Base, qpos: jax.Array, true: np.ndarray) -> dict[str, np.ndarray]:
-    """(n_worlds,) the largest error of a position in metres, of "agents" and of "objects"."""
+    """Largest error of a position in metres, (n_worlds,), of "agents" and of "objects"."""
     objects: list[Entities] = [module for module in env.movables if module is not env.agents]
     found = {}
     for name, modules in (("agents", [env.agents]), ("objects", objects)):

@@ -29,7 +29,7 @@ from maax_mjx.wrappers.grabs.slots import GrabSlots
 
 AGENT, BOX = "agent0", "box0"
 PLACE = np.array([0.45, -0.05])
-"""Where the box is, in metres, as the agent sees it: 0.2 m from its centre to the box's face."""
+"""Metres from the agent to the box, in the agent's frame: 0.2 m from its centre to the box's face."""
 LOST = 0.5
 """Metres off its place, from which on a box counts as lost."""
 CONNECT, WELD, SOFT_WELD, SPRING = "connect + yaw joint", "weld", "weld, MuJoCo's defaults", "spring-damper"
@@ -144,7 +144,7 @@ class Carrier:
         return float(np.linalg.norm(away)), abs(turned)
 
     def _away(self) -> tuple[np.ndarray, float]:
-        """From where the box is to where it should be: a way in the world's frame, and an angle."""
+        """Way from where the box is to where it should be, in the world's frame, and the angle."""
         turn = self.data.xmat[self.agent].reshape(3, 3)
         yaw = self.data.joint(f"{AGENT}:yaw").qpos[0] - self.data.joint(f"{BOX}:yaw").qpos[0]
         return self.data.xpos[self.agent] + turn @ self.place - self.data.xpos[self.box], float(yaw)
@@ -180,7 +180,7 @@ def world() -> tuple[Base, str]:
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All ways."""
+    """Ways to hold, the spring-dampers last."""
     yield from (Case(method, None, None) for method in (CONNECT, WELD, SOFT_WELD))
     yield from (Case(SPRING, stiffness, frames) for frames in config.frames for stiffness in config.stiffness)
 

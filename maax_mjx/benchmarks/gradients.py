@@ -20,7 +20,7 @@ WAYS: dict[str, Callable[[Callable[..., Any]], Callable[..., Any]]] = {
     "grad": jax.grad,
     "jacfwd": jax.jacfwd,
 }
-"""From a function of the actions to what is timed: the function, its gradient, its Jacobian."""
+"""Transformations of a function of the actions into what is timed: itself, its gradient, its Jacobian."""
 
 
 @dataclass
@@ -58,7 +58,7 @@ class Row(Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All ways."""
+    """Ways of differentiating, and none."""
     return (Case(what, config.steps) for what in WAYS)
 
 

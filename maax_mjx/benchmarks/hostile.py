@@ -27,7 +27,7 @@ CHUNK = 50
 
 
 class Seen(struct.PyTreeNode):
-    """What a user saw during a rollout.
+    """Properties of all that a user saw during a rollout.
 
     Attributes:
         finite: () bool, no number of observations, rewards or physics was NaN or infinite.
@@ -41,11 +41,11 @@ class Seen(struct.PyTreeNode):
 
     @classmethod
     def nothing(cls) -> Seen:
-        """Before the first step."""
+        """The value before the first step."""
         return cls(*(jnp.ones((), bool) for _ in range(3)))
 
     def and_(self, states: WorldsState, agents: jax.Array, floor_size: float) -> Seen:
-        """After a step more; `agents` are (n_worlds, n_agents, 3) positions."""
+        """The value after one more step; `agents` are (n_worlds, n_agents, 3) positions."""
         leaves = jax.tree.leaves((states.obs, states.final_obs, states.reward, states.data.replace(engine=())))
         floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)]
         middle = floor_size / 2

@@ -33,7 +33,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "rooms": {"scenario": "random", "n_rooms": (2, 6), "n_boxes": (1, 4)},
     "mixed": {"scenario": ("empty", "half", "quad", "var_quad", "tri", "random"), "n_boxes": (1, 4)},
 }
-"""By name, what `maax.make("standard")` is given."""
+"""Fields of `maax.make("standard")`, by scene."""
 
 
 @dataclass
@@ -101,7 +101,7 @@ class Row(Case, Measured):
 
 
 def physics_roll(env: Base) -> Callable[[State, jax.Array, jax.Array, int], State]:
-    """`(states, actions, steps, held)` to the states after one physics step for each of the step numbers `steps`."""
+    """Compiled `(states, actions, steps, held)` to the states after a physics step for each of the numbers `steps`."""
     advance = env.engine.advance  # builds the model, which gives the agents their ids
     ids = env.agents.ctrl_ids.reshape(-1)
 
@@ -117,7 +117,7 @@ def physics_roll(env: Base) -> Callable[[State, jax.Array, jax.Array, int], Stat
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All batches."""
+    """Combinations of the options."""
     return (Case(*case) for case in product(config.impl, config.scenes, config.worlds))
 
 

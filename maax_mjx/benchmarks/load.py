@@ -137,7 +137,7 @@ def cells(edge: float) -> int:
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All sweeps of an engine, then the next engine's."""
+    """Worlds of all sweeps, engine by engine."""
     for impl in config.impl:
         yield from (Case(impl, "floor", edge, N_BOXES) for edge in config.edges)
         yield from (Case(impl, "objects", EDGE, n_boxes) for n_boxes in config.boxes)

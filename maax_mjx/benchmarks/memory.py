@@ -223,7 +223,7 @@ def host_peak() -> int | None:
 
 
 def estimate(rows: Sequence[Row]) -> int:
-    """How many worlds there is room for in JAX's pool and beside it, from what the two largest batches took.
+    """Number of worlds that there is room for in JAX's pool and beside it, from what the two largest batches took.
 
     Raises:
         RuntimeError: fewer than two batches that grow, or a device that does not say how much it has.

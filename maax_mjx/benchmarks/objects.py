@@ -90,7 +90,7 @@ class Row(Figures, Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """In the order of their worth; what is in two sweeps is measured in both."""
+    """Cases in the order of their worth; what is in two sweeps is measured in both."""
     for impl in config.impl:
         begin = partial(Case, impl, config.what, config.worlds)
         for joints in config.joints:

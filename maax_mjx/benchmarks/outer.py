@@ -70,7 +70,7 @@ class Row(Case, Measured):
 
 @dataclass(frozen=True)
 class Turns:
-    """What a boundary did in its turns.
+    """Results of a boundary in its turns.
 
     Attributes:
         seconds: all turns together.
@@ -104,7 +104,7 @@ def compiled(impl: str, n_worlds: int, steps: int) -> dict[str, tuple[maax.World
 
 @lru_cache(maxsize=1)
 def timed(impl: str, n_worlds: int, held: int, steps: int) -> dict[str, Turns]:
-    """All boundaries, stepped in turns, so that they share what the machine does besides."""
+    """Results of all boundaries, stepped in turns, so that they share what the machine does besides."""
     batches = compiled(impl, n_worlds, steps // ROUNDS)
     actions = draw_actions(batches["walls"][0].env, n_worlds, held)
     latest = {outer: worlds.reset(jax.random.key(0), stagger=True) for outer, (worlds, _) in batches.items()}

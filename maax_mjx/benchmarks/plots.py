@@ -59,7 +59,7 @@ def draw(path: Path, fill: Fill) -> Path:
 
 
 def caption(conditions: dict[str, Any]) -> str:
-    """Where and when a record was measured."""
+    """Line that says where and when a record was measured."""
     devices = conditions["devices"]
     count = f"{len(devices)} x " if len(devices) > 1 else ""
     versions = ", ".join(f"{name} {conditions['packages'][name]}" for name in ("jax", "mujoco"))

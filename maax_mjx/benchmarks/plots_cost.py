@@ -71,7 +71,7 @@ def fidelity(figure: Figure, rows: list[Row]) -> None:
 
 
 def memory(figure: Figure, rows: list[Row]) -> None:
-    """What a batch's states and step take, and what the pool, the device or the host had to hold, against its size."""
+    """Memory that states and steps of a batch take, and that the pool, the device or the host had to hold."""
     takes = {
         "step_bytes": "compiled step",
         "reset_bytes": "compiled reset",

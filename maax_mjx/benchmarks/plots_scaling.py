@@ -141,7 +141,7 @@ def _iterations(iterations: list[int]) -> str:
 
 
 def _lengths(rows: list[Row]) -> str:
-    """How many steps were rolled out, where it differs by the batch."""
+    """Lengths of the rollouts, where they differ by the batch."""
     most: dict[int, int] = {}
     for row in rows:
         most[row["steps"]] = max(most.get(row["steps"], 0), row["worlds"])

@@ -83,7 +83,7 @@ class Row(Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """All combinations."""
+    """Combinations of the options."""
     return (Case(*case) for case in product(config.worlds, config.contacts, config.solver))
 
 

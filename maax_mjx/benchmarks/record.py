@@ -68,7 +68,7 @@ def commit(checkout: Path = CHECKOUT) -> str | None:
 
 
 def run_of(options: Any) -> dict[str, Any]:
-    """What `Measured.measured` holds for a run that begins now.
+    """Date, commit and options of a run that begins now, as `Measured.measured` holds them.
 
     Args:
         options: dataclass of a benchmark's options; `out` is left out, since it says nothing about the figures.

@@ -213,7 +213,7 @@ def forces(model: mujoco.MjModel, n_worlds: int, held: int) -> Actions:
 
 
 def positions(state: Any) -> np.ndarray:
-    """Those of a bare engine's state; NaN in worlds that plain MuJoCo found bad, since it puts them back to qpos0."""
+    """Positions in a bare engine's state; NaN in worlds that plain MuJoCo found bad, since it resets them."""
     if isinstance(state, Batch):
         bad = (state.warning[:, BAD, 1] > 0).any(axis=1)
         return np.where(bad[:, None], np.nan, state.qpos)

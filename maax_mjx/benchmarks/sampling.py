@@ -106,7 +106,7 @@ class Row(Case, Measured):
 
 
 Sampler = Callable[[int], list[np.ndarray] | jax.Array]
-"""A round's number to the points of every world: a list of (k, 2), or (worlds, n, 3) x, y and whether it was placed."""
+"""Points of every world by a round's number: a list of (k, 2), or (worlds, n, 3) x, y and whether it was placed."""
 
 
 def throw_darts(n: int, radius: float, edge: float, seed: int, tries: int) -> np.ndarray:
@@ -142,7 +142,7 @@ class Scatter(Layout):
 
 
 def scatter(n: int, radius: float, edge: float, cell: float, key: jax.Array) -> jax.Array:
-    """(n, 3) x, y in metres of `n` points at least `radius` apart, and whether each found a place. Traceable."""
+    """Draws `n` points at least `radius` apart: (n, 3) x, y in metres, and whether each found a place. Traceable."""
     apart = separation_placement(radius)
     empty = Scatter.empty(round(edge / cell), edge, table=jnp.zeros((n, 3)))
     seeds = empty.seeds(key, n)
@@ -163,7 +163,7 @@ def closest(points: np.ndarray) -> float:
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """Every floor at the first density, and one floor at all of them, in all ways."""
+    """Ways on every floor at the first density, and on one floor at all of them."""
     floors = [("edge", edge, config.densities[0]) for edge in config.edges]
     floors += [("density", config.full_edge, density) for density in sorted(config.densities)]
     ways = [("poisson", 1), ("darts", 1), *(("field", n_worlds) for n_worlds in config.worlds)]

@@ -58,7 +58,7 @@ class Config(Protocol):
 
 @dataclass(frozen=True)
 class Case:
-    """What is measured; `outer` is what closes the arena, "" for the Ant."""
+    """Measurement to be made; `outer` is what closes the arena, "" for the Ant."""
 
     impl: str
     scene: str
@@ -75,7 +75,7 @@ class Row(Figures, Case, Measured):
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """In the order of their worth: all scenes of an engine's largest batch first."""
+    """Cases in the order of their worth: all scenes of an engine's largest batch first."""
     for impl, iterations, n_worlds, scene, what in product(
         config.impl, config.iterations, sorted(config.worlds, reverse=True), config.scenes, config.what
     ):
@@ -93,7 +93,7 @@ def make(case: Case) -> Rolling:
 
 @lru_cache(maxsize=1)
 def _worlds(impl: str, outer: str, n_worlds: int, iterations: int) -> maax.Worlds:
-    """Kept for the next case, so that "env" and "bare" compile one reset."""
+    """A batch, kept for the next case, so that "env" and "bare" compile one reset."""
     params = maax.WorldParams(iterations=iterations, ls_iterations=iterations)
     return maax.Worlds(maax.make("standard", impl=impl, outer=outer, world_params=params), n_worlds)
 

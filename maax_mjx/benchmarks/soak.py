@@ -57,7 +57,7 @@ class Config(Options):
 
 
 class Tally(struct.PyTreeNode):
-    """What was seen so far.
+    """Counts of what was seen so far.
 
     Attributes:
         env_steps: () int32, of each world.
@@ -74,14 +74,14 @@ class Tally(struct.PyTreeNode):
 
     @classmethod
     def nothing(cls) -> Tally:
-        """Before the first step."""
+        """The tally before the first step."""
         none = jnp.zeros((), jnp.int32)
         return cls(none, none, jnp.zeros(len(COUNTS)), jnp.zeros(()))
 
 
 @dataclass(frozen=True)
 class Row(Measured):
-    """All runs together; `measured` is the last one."""
+    """Figures of all runs together; `measured` is the last one."""
 
     env: str
     impl: str
@@ -101,7 +101,7 @@ class Row(Measured):
 
 
 def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax.Array]:
-    """Full force one way or the other, and everything locked and grabbed."""
+    """Actions of full force one way or the other, with everything locked and grabbed."""
     spaces = env.action_space.spaces
     action = {name: jnp.ones((worlds, *space.shape), jnp.int8) for name, space in spaces.items() if name != "move"}  # type: ignore[misc]
     forwards = jax.random.bernoulli(key, shape=(worlds, env.base.n_agents, 3))
@@ -111,7 +111,7 @@ def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax
 
 
 def player(worlds: maax.Worlds, config: Config) -> jax.stages.Wrapped:
-    """`(states, start) -> states, bad`: a chunk of steps from step `start`, and how many of them showed a NaN."""
+    """Compiled `(states, start) -> states, bad`: a chunk of steps from step `start`, and how many showed a NaN."""
 
     def play(states: WorldsState, start: jax.Array) -> tuple[WorldsState, jax.Array]:
         def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, jax.Array]:

@@ -109,7 +109,7 @@ class Row(Case, Measured):
 
 @dataclass(frozen=True)
 class Batch:
-    """What all protocols of a batch share.
+    """Pieces that all protocols of a batch share.
 
     Attributes:
         worlds: the environment's batch.
@@ -125,7 +125,7 @@ class Batch:
 
 
 def cases(config: Config) -> Iterator[Case]:
-    """The protocols of a batch follow one another, since they compile once."""
+    """Cases; the protocols of a batch follow one another, since they compile once."""
     for env, impl, n_worlds in product(config.env, config.impl, config.worlds):
         steps = max(ROUNDS, min(config.steps, int(config.max_world_steps) // n_worlds) // ROUNDS * ROUNDS)
         horizon = max(1, min(config.horizon, int(steps / EPISODES)))

@@ -1,4 +1,4 @@
-"""What a profile of a compiled program says of its parts, which name their operations with `jax.named_scope`.
+"""Time that parts of a compiled program take, from a profile of it; parts name their operations with `jax.named_scope`.
 
 An operation belongs to the innermost part that it is named by, and one that XLA fused from several belongs to each by
 the size of what it computes for it. At every instant the operations that run share the time, so that the parts and the
@@ -23,14 +23,14 @@ CONTAINERS = ("while", "conditional", "call")
 WARP_KERNEL = "_cuda_kernel_forward"
 
 PartOf = Callable[[str], str]
-"""From the path of scopes that an operation was written in to its part."""
+"""Function of the path of scopes that an operation was written in to its part."""
 Shares = dict[str, float]
-"""By part, the share of an operation's time; they add up to 1."""
+"""Shares of an operation's time by part; they add up to 1."""
 
 
 def trace(run: Callable[[], Any]) -> list[Event]:
-    """What ran, on all devices, in a call of `run`, which is waited for."""
-    # Python's own tracer would slow the steps down, and of them it tells nothing.
+    """Operations that ran, on all devices, in a call of `run`, which is waited for."""
+    # Python's own tracer would slow the steps down, and says nothing about them.
     options = jax.profiler.ProfileOptions()
     options.python_tracer_level = 0
     with tempfile.TemporaryDirectory() as folder:
@@ -49,7 +49,7 @@ class Event(NamedTuple):
 
 
 def events(folder: Path) -> Iterator[Event]:
-    """What a trace in `folder` saw run: on the devices' streams, or where JAX computes on the CPU, on its threads."""
+    """Operations that a trace in `folder` saw run: on the devices' streams, or on the threads of JAX on a CPU."""
     path = max(folder.rglob("*.xplane.pb"))
     for plane in jax.profiler.ProfileData.from_file(str(path)).planes:
         on_device = plane.name.startswith("/device:")
@@ -92,7 +92,7 @@ def instructions(text: str) -> Iterator[tuple[str, Instruction]]:
 
 
 def shares_of(text: str, part_of: PartOf) -> dict[str, Shares]:
-    """By operation of a compiled program, whose parts it works for; containers work for none."""
+    """Parts that every operation of a compiled program works for; containers work for none."""
     inside: defaultdict[str, list[Instruction]] = defaultdict(list)
     for computation, instruction in instructions(text):
         inside[computation].append(instruction)
@@ -121,7 +121,7 @@ def attribute(
         ran: what the profiler saw.
         shares: of the program's operations.
         part_of: of operations that the program does not name, but the profiler.
-        parts: those that there are, beside "unnamed" and "idle".
+        parts: names of all parts, beside "unnamed" and "idle".
     """
     by_kernel = {re.sub(r"\W", "_", name): share for name, share in shares.items()}
 
