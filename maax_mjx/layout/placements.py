@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 from maax_mjx.common.checks import check_choice
@@ -42,7 +43,7 @@ def placement_names() -> list[str]:
     return sorted(_PLACEMENTS)
 
 
-def placement_by_name(name: str, argument: str = "placement") -> PlacementFn:
+def placement_by_name(name: str, argument: str = "placement", also: Sequence[str] = ()) -> PlacementFn:
     """A placement function by its name.
 
     "uniform" is anywhere, "centre" in the middle to the cell, "middle" in the central square of half the floor's edge,
@@ -52,13 +53,14 @@ def placement_by_name(name: str, argument: str = "placement") -> PlacementFn:
     Args:
         name: of the placement.
         argument: what the name was passed as, for the message.
+        also: names that the caller takes besides, for the message.
 
     Raises:
         ValueError: an unknown name, with the nearest ones.
     """
     if isinstance(name, str) and name not in _PLACEMENTS and _is_room(name):
         return room_placement(int(name.removeprefix(ROOM)))
-    return _PLACEMENTS[check_choice(argument, name, [*_PLACEMENTS, f"{ROOM}0", f"{ROOM}1"])]
+    return _PLACEMENTS[check_choice(argument, name, [*_PLACEMENTS, f"{ROOM}0", f"{ROOM}1", *also])]
 
 
 def register_placement(name: str, placement_fn: PlacementFn) -> None:

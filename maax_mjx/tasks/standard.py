@@ -6,24 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from maax_mjx.common.checks import check_choice, check_count_range
+from maax_mjx.common.checks import check_count_range
 from maax_mjx.common.colours import TEAM_COLOURS, Colour
 from maax_mjx.core.env import Base
-from maax_mjx.layout import (
-    PlacementFn,
-    outside_quad_placement,
-    proximity_placement,
-    quad_placement,
-    room_placement,
-    uniform_placement,
-)
+from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement, uniform_placement
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
 from maax_mjx.worldgen import WorldParams
 
 HIDER_COLOUR, SEEKER_COLOUR = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 NEAR = 0.5
 """Metres from the first of the team, for placement "team"."""
-PLACEMENTS = ("uniform", "quad", "outside_quad", "room0", "room1", "team")
+TEAM = "team"
 
 Range = float | tuple[float, float]
 CountRange = int | tuple[int, int]
@@ -34,9 +27,8 @@ Placement = str | PlacementFn
 class WorldConfig:
     """A room with boxes and ramps, for whatever teams play in it.
 
-    A placement is a name, such as "uniform", "quad" or "outside_quad" (both anywhere in an environment without a
-    quadrant), "room0" or "room1" (see `room_placement`); of a team's members "team" (within 0.5 m of the first of them,
-    who starts anywhere); or a placement function.
+    A placement is a name that `placement_by_name` takes, such as "uniform", "quad", "room0", or your own; of a team's
+    members "team" (within 0.5 m of the first of them, who starts anywhere); or a placement function.
 
     Attributes:
         scenario: the room scenario, or several of which every world draws one; see `WallScenarios`.
@@ -216,7 +208,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
         env.add_module(FloorAttributes(config.floor_friction))
 
     def place(argument: str, placement: Placement, first: str = "", n: int = 1) -> list[PlacementFn]:
-        return _placement(argument, placement, walls.provides_quadrant, first, n)
+        return _placement(argument, placement, first, n)
 
     first, placements, colours = 0, [], []
     for i, (side, n) in enumerate(zip(sides, most, strict=True)):
@@ -254,14 +246,10 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     return env
 
 
-def _placement(argument: str, placement: Placement, has_quadrant: bool, first: str, n: int) -> list[PlacementFn]:
-    """The placement functions of `n` things, of which `first` is the first."""
+def _placement(argument: str, placement: Placement, first: str, n: int) -> list[PlacementFn]:
+    """The placement functions of `n` things; of a team's members, of whom `first` is the first, "team" is one, too."""
     if callable(placement):
         return [placement] * n
-    name = check_choice(argument, placement, PLACEMENTS if first else [p for p in PLACEMENTS if p != "team"])
-    if name == "team":
+    if first and placement == TEAM:
         return ([uniform_placement] + [proximity_placement(NEAR, first)] * (n - 1))[:n]
-    if name.startswith("room"):
-        return [room_placement(int(name.removeprefix("room")))] * n
-    named = {"quad": quad_placement, "outside_quad": outside_quad_placement} if has_quadrant else {}
-    return [named.get(name, uniform_placement)] * n
+    return [placement_by_name(placement, argument, also=(TEAM,) if first else ())] * n
