@@ -286,6 +286,7 @@ def test_only_what_is_near_and_present_is_locked(locking):
     assert 0.2 < np.mean(seen) < 0.9
 
 
+@pytest.mark.slow
 def test_all_at_once_and_owners_are_drawn_among_those_who_want(locking):
     env = build(per_object=False, lock_type="any")
     worlds = maax.Worlds(env, 400)
