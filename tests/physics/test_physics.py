@@ -212,7 +212,10 @@ def test_free_joints(impl):
             envs[name].add_module(module)
         envs[name].add_module(maax.Ramps(1, free=True))
     env = envs["c"]
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(5), 8))
+    # From one box, so that two are parked, to three.
+    n_boxes = {"n_boxes": jnp.array([[1, 1], [2, 2], [3, 3], [1, 3]] * 2)}
+    params = jax.tree.map(lambda x: jnp.broadcast_to(x, (8, 2)), env.default_params).replace(**n_boxes)
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(5), 8), params)
     worlds = [in_plain_mujoco(env, states, i) for i in range(8)]
     steps = {name: jax.jit(jax.vmap(e.step)) for name, e in envs.items()}
     parked = ~np.asarray(states.world.active["box"])
