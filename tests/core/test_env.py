@@ -15,13 +15,14 @@ from maax_mjx.core.env import Base
 from maax_mjx.testing import check_env
 
 
-@pytest.mark.parametrize("impl", ["c", "jax"])
-def test_check_env(impl):
-    """A whole game, with counts that are drawn."""
-    few = {"n_hiders": (1, 2), "n_seekers": 1, "n_boxes": (0, 2), "n_ramps": 0 if impl == "jax" else 1}
-    check_env(maax.make("hide_and_seek", impl=impl, **few), n_worlds=2, n_steps=3, seed=seeds.seed(0))
+@pytest.mark.slow
+def test_check_env_jax():
+    """A whole game, with counts that are drawn; all games on `c` are checked with the tasks."""
+    few = {"n_hiders": (1, 2), "n_seekers": 1, "n_boxes": (0, 2), "n_ramps": 0}
+    check_env(maax.make("hide_and_seek", impl="jax", **few), n_worlds=2, n_steps=3, seed=seeds.seed(0))
 
 
+@pytest.mark.slow
 def test_check_env_warp(env_warp):
     check_env(env_warp, n_worlds=2, n_steps=2, seed=seeds.seed(0))
 
@@ -64,6 +65,7 @@ class Broken(Base):
         return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

@@ -267,6 +267,7 @@ def plain():
     return small(horizon=3)
 
 
+@pytest.mark.slow
 def test_modules_are_independent(plain):
     """Ramps before the boxes and food after them: the boxes' draws are as before, and so are their places if free."""
     more = small(maax.Ramps((1, 2), ramp_friction=(0.1, 0.9)), maax.Food(2))
@@ -291,6 +292,7 @@ def test_modules_are_independent(plain):
     equal((old == new).all(axis=1), ~taken)
 
 
+@pytest.mark.slow
 def test_worlds_take_ranges_on_the_way(plain):
     """Every world its own, from its next episodes on, without a retrace."""
     n = 32

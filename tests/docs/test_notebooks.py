@@ -47,6 +47,7 @@ def test_all_notebooks_are_listed():
     assert sorted(execute.NAMES) == NAMES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_runs(name, monkeypatch):
     for variable, value in KERNEL.items():
@@ -75,6 +76,7 @@ def test_is_committed_with_the_outputs_of_one_run(name):
         assert not re.search(r"/(home|root|tmp|work|Users)\b| at 0x", words), words
 
 
+@pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("name", REPLAYS)
 def test_the_committed_replay_plays_in_a_browser(name, tmp_path):

@@ -23,6 +23,7 @@ BLOCKS = {
 (LEARNT,) = [name for name, block in BLOCKS.items() if "class ActorCritic" in block]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BLOCKS)
 def test_block(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -55,6 +56,7 @@ COMMANDS = [
 ]
 
 
+@pytest.mark.slow
 def test_commands(tmp_path, monkeypatch, capsys):
     """Those of the README, one after the other in one folder."""
     assert len(COMMANDS) > 5

@@ -37,6 +37,7 @@ def inside(xy, rect, half):
     return ((xy - half >= np.array(rect)[..., :2] - 1e-4) & (xy + half <= np.array(rect)[..., 2:] + 1e-4)).all(axis=-1)
 
 
+@pytest.mark.slow
 def test_separation_and_proximity(batch_reset):
     """Two boxes, two agents near the first, a ramp and more away from everything before it."""
     env = make(
@@ -73,6 +74,7 @@ def test_centre_and_middle(batch_reset):
     assert np.ptp(xy["agent"], axis=0).min() > 1.8
 
 
+@pytest.mark.slow
 def test_at_a_point(batch_reset):
     """The middle of each is within a cell of its point; one that would leave the floor has no place."""
     points = [(1.31, 2.05), (4.9, 0.7), (3.0, 5.2)]
@@ -86,6 +88,7 @@ def test_at_a_point(batch_reset):
     assert np.abs(xy["agent"] - np.array(points)).max() <= CELL
 
 
+@pytest.mark.slow
 def test_rooms_and_combinations(batch_reset):
     env = make(
         maax.Boxes(1, maax.any_of(maax.middle_placement(0.1), maax.room_placement(0))),
@@ -104,6 +107,7 @@ def test_rooms_and_combinations(batch_reset):
     assert inside(xy["box"][:, 0], rooms[:, 0], HALF).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_quadrant_placement_in_a_mix(batch_reset):
     """Where a world of the mix has no quadrant, its placement is uniform."""
     env = make(maax.Agents(2, [maax.quad_placement, maax.outside_quad_placement]), scenario=("quad", "half"))
@@ -116,6 +120,7 @@ def test_quadrant_placement_in_a_mix(batch_reset):
     assert (xy["agent"][~quad].min(axis=0) < 1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_random_yaw(free, batch_reset):
     """Turned squares touch nothing: compared as polygons, by separating axes; angles are uniform."""

@@ -11,6 +11,8 @@ from scipy import ndimage, stats
 
 import maax_mjx as maax
 
+pytestmark = pytest.mark.slow
+
 SCENARIOS = ("empty", "half", "quad", "var_quad", "tri", "random")
 N, BATCH = 10_000, 1_000
 FLOOR, CELL, G, RADIUS = 6.0, 0.2, 30, 0.15

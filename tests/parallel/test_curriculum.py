@@ -45,6 +45,7 @@ class Counted(maax.Worlds):
         return super().step_fn(states, action)
 
 
+@pytest.mark.slow
 def test_worlds_grow_with_a_scripted_agent():
     """Agents of the even worlds master any number of boxes, the others one: these never get beyond two."""
     env = maax.make("standard", impl="c", n_boxes=(1, 4), horizon=2)

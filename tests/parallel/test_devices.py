@@ -12,9 +12,10 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from helpers import seeds
 
 import maax_mjx as maax
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "notebooks" / "multi_device.py"
@@ -49,10 +50,10 @@ def alone():
     spec.loader.exec_module(script)
     env = maax.make("standard", impl="jax", **{name: eval(value) for name, value in SMALL.items()})
     worlds = maax.Worlds(env, N_WORLDS)
-    states = worlds.reset(seeds.key(0), stagger=True)
+    states = worlds.reset(jax.random.key(0), stagger=True)  # the script's own key
     for i in range(ROUNDS):
         params = {"push": np.float32([0.1 * i, 0, 0])}
-        key = jax.random.fold_in(seeds.key(0), i)
+        key = jax.random.fold_in(jax.random.key(0), i)
         states, _ = worlds.rollout(states, script.policy, STEPS, params, key=key, keep=("reward",))
     assert (states.counts["episodes"] >= 2).all()
     return np.asarray(states.data.qpos)

@@ -194,6 +194,7 @@ def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
         checkpoints.restore(maax.Worlds(maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2), N))
 
 
+@pytest.mark.slow
 def test_a_killed_run_loses_its_last_interval_at_most(tmp_path):
     """The soak, killed in the middle and begun again in this process, comes to the same as one that was left alone."""
 

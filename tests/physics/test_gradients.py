@@ -10,6 +10,8 @@ from helpers import seeds
 
 import maax_mjx as maax
 
+pytestmark = pytest.mark.slow
+
 STEPS, EPS = 20, 1e-4
 
 

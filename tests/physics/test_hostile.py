@@ -12,6 +12,8 @@ from helpers import seeds
 import maax_mjx as maax
 from maax_mjx.benchmarks.hostile import Seen, player
 
+pytestmark = pytest.mark.slow
+
 
 @functools.cache
 def compiled(impl, gravity, n_worlds):

@@ -70,6 +70,7 @@ def test_poses_are_current_and_those_of_mujoco(env_c, pushed):
             np.testing.assert_allclose(got, want, atol=2e-6, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_own_kinematics_equal_those_of_mjx(free):
     env = maax.Base(1, impl="c")
@@ -88,6 +89,7 @@ def test_own_kinematics_equal_those_of_mjx(free):
     np.testing.assert_allclose(data.geom_xmat.reshape(-1, 9), truth.geom_xmat, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impl", ["jax", "warp"])
 @pytest.mark.parametrize(("draw", "share"), [(uniform, 0.99), (bang_bang, 0.98)])
 def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, batch_step, request):
@@ -114,6 +116,7 @@ def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, ba
     assert (errors[:, turns].max(axis=1) < 1e-3).mean() >= share, "radians: contact points along edges differ"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impl", ["jax", "warp"])
 def test_free_runs_with_mujoco(impl, env_c, batch_reset, batch_step, request):
     env = request.getfixturevalue(f"env_{impl}")
@@ -161,6 +164,7 @@ def test_solver_settings(env_c):
     assert env_c.model.opt.timestep == 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impl", ["jax", "warp"])
 def test_contact_overflow_is_reported_and_counted(impl):
     """With room for four contacts, an agent and a box, which has four of its own on the floor, make more than that."""
@@ -195,6 +199,7 @@ def test_gravity_moves_what_falls(gravity):
     np.testing.assert_allclose(state.data.qvel[vz], gravity * 0.005, rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impl", ["c", "warp"])
 def test_free_joints(impl):
     """Free boxes and ramps: parked ones rest, the others follow plain MuJoCo (step by step, from C's states)."""
@@ -207,7 +212,10 @@ def test_free_joints(impl):
             envs[name].add_module(module)
         envs[name].add_module(maax.Ramps(1, free=True))
     env = envs["c"]
-    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(5), 8))
+    # From one box, so that two are parked, to three.
+    n_boxes = {"n_boxes": jnp.array([[1, 1], [2, 2], [3, 3], [1, 3]] * 2)}
+    params = jax.tree.map(lambda x: jnp.broadcast_to(x, (8, 2)), env.default_params).replace(**n_boxes)
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(5), 8), params)
     worlds = [in_plain_mujoco(env, states, i) for i in range(8)]
     steps = {name: jax.jit(jax.vmap(e.step)) for name, e in envs.items()}
     parked = ~np.asarray(states.world.active["box"])

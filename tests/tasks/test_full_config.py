@@ -11,6 +11,8 @@ from scipy import stats
 
 import maax_mjx as maax
 
+pytestmark = pytest.mark.slow
+
 N, BATCH = 10_000, 500
 FLOOR, CELL, G, RADIUS = 6.0, 0.2, 30, 0.15
 TOL = 1e-4

@@ -446,6 +446,7 @@ def played(game):
     return play
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GAMES)
 def test_every_game(name, played):
     """Observations are in their space and of the state after the step; rewards are finite."""
@@ -469,6 +470,7 @@ def test_every_game(name, played):
         assert env.action_space.contains({key: x[0] for key, x in action.items()})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in GAMES if name.startswith("hide")])
 def test_preparation_and_statistics_under_jit(name, played):
     """Seekers' motors rest and nobody is rewarded; statistics are of the state, whatever is observed."""
@@ -494,6 +496,7 @@ def centres(env, state, name):
     return np.asarray(state.data.qpos)[:, env.base.modules[name].qpos_ids[:, :2]]
 
 
+@pytest.mark.slow
 def test_where_things_start_in_the_quadrant(played):
     """Hiders anywhere, seekers outside the quadrant, boxes inside, ramps anywhere; one door or two, alike often."""
     env, _, trail, _ = played("hide_and_seek_quadrant")
@@ -513,6 +516,7 @@ def test_where_things_start_in_the_quadrant(played):
     assert 0.2 < (doors == 1).mean() < 0.8
 
 
+@pytest.mark.slow
 def test_where_things_start_in_the_full_game(played):
     """Everyone within 0.5 m of the first of the team; the first anywhere; outer walls in half of the worlds."""
     env, _, trail, _ = played("hide_and_seek_full")
@@ -528,6 +532,7 @@ def test_where_things_start_in_the_full_game(played):
     assert set(trail[0].world.active["box"].sum(axis=1)) == set(range(3, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OPENAI)
 def test_locks_and_holds_are_at_their_objects(name, played):
     """All want to lock and hold in the first step; only hiders may, as it is the preparation. Nothing is turned yet.

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+import pytest
 from helpers import seeds
 
 from maax_mjx.tasks import scenes, scripted
+
+pytestmark = pytest.mark.slow
 
 N = 16
 

@@ -434,6 +434,7 @@ def test_a_page_is_made_inside_a_running_event_loop(env, recording, capfd):
     assert capfd.readouterr().out == ""
 
 
+@pytest.mark.slow
 @needs_browser
 def test_a_browser_without_network_shows_the_page_moving(env, recording, shown, page, tmp_path):
     """The page from a file, and in the frame of a notebook's cell: both show the seeker where it is at other times."""

@@ -95,6 +95,17 @@ def action(wants, move=0.0):
     return {"move": jnp.full((4, 3), move), "lock": jnp.asarray(wants, jnp.int32)}
 
 
+def spread(env, state):
+    """The state with objects away from each other and from the walls, so that all can be pushed along x and y."""
+    spots = {"agents": [[0.5, 0.5], [0.5, 4.5], [5.0, 0.5], [3.4, 3.4]], "boxes": [[1.5, 1.5], [3.4, 1.5]]}
+    qpos = state.data.qpos
+    for name, xy in (spots | {"ramps": [[1.5, 3.0]]}).items():
+        module = env.base.modules[name]
+        ids, there = module.qpos_ids[:, :2], state.world.active[module.kind][:, None]
+        qpos = qpos.at[ids].set(jnp.where(there, jnp.array(xy), qpos[ids]))
+    return state.replace(data=env.base.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
+
+
 LIMITS = {("equality", False): (0.5, 0.1), ("joint_range", False): (5.0, 0.7), ("equality", True): (5.0, 0.7)}
 
 
@@ -103,7 +114,7 @@ def test_a_locked_object_is_held(method, free):
     """Under 200 N and 20 Nm for 1,000 steps, and without swinging; unlocked, it goes."""
     env, reset, step = jitted(method, free)
     params = env.default_params.replace(n_boxes=2, n_elongated_boxes=1)
-    state = step(reset(seeds.key(0), params), action(np.ones((4, 3))))
+    state = step(spread(env, reset(seeds.key(0), params)), action(np.ones((4, 3))))
     ids = bodies(env)
     force = np.zeros(state.data.xfrc_applied.shape, np.float32)
     force[ids] = [0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]
@@ -138,7 +149,7 @@ def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
     """
     env, reset, step = jitted(method, free, outer)
     plain = jax.jit(env.env.step)
-    fresh = reset(seeds.key(2), env.default_params.replace(n_boxes=2, n_elongated_boxes=1))
+    fresh = spread(env, reset(seeds.key(2), env.default_params.replace(n_boxes=2, n_elongated_boxes=1)))
     state = fresh
     for _ in range(5):
         state = step(state, action(np.ones((4, 3)), 0.5))
@@ -284,9 +295,10 @@ def test_only_what_is_near_and_present_is_locked(locking):
             assert int(state.mechanics["locks"].owner[0]) == 0
         assert not np.asarray(state.mechanics["locks"].locked)[~np.asarray(
             jnp.concatenate([state.world.active["box"], state.world.active["ramp"]]))].any()  # fmt: skip
-    assert 0.2 < np.mean(seen) < 0.9
+    assert 0.1 < np.mean(seen) < 0.9
 
 
+@pytest.mark.slow
 def test_all_at_once_and_owners_are_drawn_among_those_who_want(locking):
     env = build(per_object=False, lock_type="any")
     worlds = maax.Worlds(env, 400)

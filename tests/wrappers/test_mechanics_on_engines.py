@@ -12,6 +12,8 @@ from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
 
+pytestmark = pytest.mark.slow
+
 PUSH, TWIST, N = 200.0, 20.0, 1000
 
 

@@ -11,6 +11,8 @@ from helpers import seeds
 
 import maax_mjx as maax
 
+pytestmark = pytest.mark.slow
+
 N_WORLDS, N_RAYS = 24, 30
 
 

@@ -233,8 +233,8 @@ def test_split_spoof_join_flatten(touching):
 def test_observations_are_of_the_state_after_the_step(touching):
     """MAax built them from the state before, and so froze them."""
     env = maax.FlattenObservations(maax.SplitObservations(touching))
-    state, step = jax.jit(env.reset)(seeds.key(3)), jax.jit(env.step)
-    assert state.world.active["agent"].any()
+    params = env.default_params.replace(n_hiders=2, n_seekers=1)
+    state, step = jax.jit(env.reset)(seeds.key(3), params), jax.jit(env.step)
     columns = []
     for _ in range(3):
         state = step(state, {"move": jnp.ones((5, 3))})

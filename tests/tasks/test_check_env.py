@@ -1,0 +1,15 @@
+"""`check_env` on every game, as it is registered."""
+
+from __future__ import annotations
+
+import pytest
+from helpers import seeds
+
+import maax_mjx as maax
+from maax_mjx.testing import check_env
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", maax.tasks())
+def test_registered_games_hold_what_every_environment_must(name):
+    check_env(maax.make(name, impl="c"), n_worlds=2, n_steps=2, seed=seeds.seed(0))
