@@ -251,7 +251,7 @@ def test_moments_between_frames_are_on_the_way(env, recording):
     ways = [Rotation.from_matrix(s.data.geom_xmat.reshape(-1, 3, 3)) for s in (first, second, after)]
     whole = (ways[2] * ways[0].inv()).magnitude()
     np.testing.assert_allclose((ways[1] * ways[0].inv()).magnitude(), whole / 3, atol=1e-3)
-    assert whole.max() > 0.05
+    assert whole.max() > 0.01
     # An episode ended in the second gap: nothing is between.
     resets = [i for i in range(1, len(made.times)) if int(made.states[i][0].step) < int(made.states[i - 1][0].step)]
     assert resets == [6]
@@ -281,7 +281,7 @@ def test_senses_are_drawn_as_they_are(env, one):
 @pytest.fixture(scope="module")
 def picture(env, recording):
     try:
-        return maax.render(env, recording_frame(recording), camera="top", size=(300, 300), view="3d")
+        return maax.render(env, unlocked(recording_frame(recording)), camera="top", size=(300, 300), view="3d")
     except maax.MissingLibraryError as error:
         pytest.skip(f"no OpenGL: {error}")
 
@@ -290,10 +290,16 @@ def recording_frame(recording, t=PREPARATION + 1):
     return jax.tree.map(lambda x: x[t, 1], recording.states)
 
 
+def unlocked(state):
+    """The state without locks, which have the colours of agents."""
+    return with_mechanics(state, locks={"owner": np.full_like(state.mechanics["locks"].owner, -1)})
+
+
 def centre_of(image, colour, size):
     """(x, y) from the lower left, as shares of the picture, of the pixels that look most like a colour."""
     red, green, blue = np.moveaxis(image.astype(float), -1, 0)
-    want = (blue - red > 60) if colour == "blue" else (red - blue > 110) & (green < 120)
+    # Doors are green, and bluish.
+    want = (blue - red > 60) & (blue > green + 15) if colour == "blue" else (red - blue > 110) & (green < 120)
     y, x = np.nonzero(want)
     assert len(x) > 20, f"no {colour}"
     return x.mean() / size, 1 - y.mean() / size
@@ -301,16 +307,17 @@ def centre_of(image, colour, size):
 
 @pytest.mark.parametrize("view", ["3d", "plan"])
 def test_agents_are_where_they_are_and_not_mirrored(env, recording, picture, view):
-    state = recording_frame(recording)
+    state = unlocked(recording_frame(recording))
     image = picture if view == "3d" else maax.render(env, state, size=(300, 300), view="plan")
     assert image.shape == (300, 300, 3)
     assert image.dtype == np.uint8
     xpos = state.data.xpos[env.base.agents.body_ids]
     hiders = xpos[:2][state.world.active["agent"][:2]].mean(axis=0)
     blue, orange = centre_of(image, "blue", 300), centre_of(image, "orange", 300)
-    apart = (np.array(orange) - blue) / (xpos[2] - hiders)[:2]
-    # A floor of 6 m takes most of the picture.
-    assert ((apart > 0.08) & (apart < 0.17)).all(), apart
+    apart, expected = np.array(orange) - blue, (xpos[2] - hiders)[:2]
+    scale = np.linalg.norm(apart) / np.linalg.norm(expected)
+    assert 0.08 < scale < 0.17, "a floor of 6 m takes most of the picture"
+    np.testing.assert_allclose(apart, scale * expected, atol=0.05)
 
 
 def test_worlds_are_side_by_side(env, recording):
@@ -537,7 +544,7 @@ WRONG = {
     "record policy": (
         lambda env, rec: (w := maax.Worlds(env, 2))
         and maax.record(w, w.reset(seeds.key(0)), lambda state, key: None, 1),
-        "policy: what it returns is no action: got NoneType",
+        "policy's action: got NoneType; takes a dict",
     ),
     "record show": (lambda env, rec: maax.record(maax.Worlds(env, 2), None, None, 1, show=5), "show: got 5"),
 }  # fmt: skip
