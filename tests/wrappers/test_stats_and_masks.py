@@ -166,7 +166,7 @@ def test_stats_of_anything(prep_steps, sensing, start):
     """Of everything moving anywhere and back, absent things too, in contact and locked at random."""
     env = Given(sensing, start)
     env = maax.TrackStats(env if prep_steps is None else maax.PreparationPhase(env, PREP / HORIZON))
-    look, rng = jax.jit(jax.vmap(env.look)), seeds.rng(5)
+    look, rng = jax.jit(jax.vmap(env.observe)), seeds.rng(5)
     state = jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(jnp.arange(N_WORLDS)))
     there = {kind: np.asarray(x) for kind, x in start.world.active.items()}
     both = there["agent"][:, :, None] & there["agent"][:, None]

@@ -99,7 +99,7 @@ def test_rewards_by_vision(team, rew_type, base, state):
 
 
 def test_contact_and_team_sizes(touching, state):
-    look = jax.jit(lambda s: touching.look(s).obs["contact_mask"])
+    look = jax.jit(lambda s: touching.observe(s).obs["contact_mask"])
     sizes = jax.jit(lambda s: touching.env.observation(s)["team_size"])
     far = maax.AgentAgentContactMask2D(touching.env, distance=1.0)
     rng = seeds.rng(1)
@@ -109,7 +109,7 @@ def test_contact_and_team_sizes(touching, state):
         gap = np.linalg.norm(xy[:, None] - xy, axis=-1)
         both = active & active[:, None] & ~np.eye(5, dtype=bool)
         equal(look(here), (gap <= 0.301) & both)
-        equal(far.look(here).obs["contact_mask"], (gap <= 1.0) & both)
+        equal(far.observe(here).obs["contact_mask"], (gap <= 1.0) & both)
         members = np.array([active[:3].sum()] * 3 + [active[3:].sum()] * 2)
         equal(sizes(here)[:, 0], np.where(active, members, 0))
 
@@ -190,7 +190,7 @@ def test_discrete_actions(touching):
         (np.zeros((5, 2), int), r"'move' has shape \(5, 2\); takes \(5, 3\)"),
     ):
         with pytest.raises(ValueError, match=message):
-            env.action(None, {"move": wrong})
+            env.step(None, {"move": wrong})
     sample = jax.jit(env.sample_action)(seeds.key(0))["move"]
     assert env.action_space.contains({"move": np.asarray(sample)})
     assert sample.dtype == jnp.int32
