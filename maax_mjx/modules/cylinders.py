@@ -132,7 +132,7 @@ class Cylinders(Entities):
         return set_masses(fields, self.body_ids, self.qvel_ids, mass, cylinder_inertia(mass, places.extents))
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """As of `Entities`; where worlds differ in sizes, `cylinder_size` (n_max, 3): diameter, diameter and height."""
+        """Those of `Entities`; `cylinder_size` (n_max, 3) where worlds differ in it: diameter, diameter and height."""
         return super().observation_step(world, data) | _observed_size(self, world)
 
 
