@@ -433,8 +433,3 @@ def test_mistakes(call, message, plain):
     with pytest.raises(ValueError) as error:  # noqa: PT011
         call(plain)
     assert message in str(error.value)
-
-
-def test_a_used_environment_is_refused():
-    with pytest.raises(RuntimeError, match="the environment is built already"):
-        maax.GrabObjects(used())

@@ -14,11 +14,11 @@ from gymnasium import spaces
 from maax_mjx.common.checks import check_bool, check_positive
 from maax_mjx.common.observed import Observed, flag
 from maax_mjx.common.params import DomainParams
-from maax_mjx.core.env import Environment
+from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.grabs.rules import NOTHING, grab_rule
 from maax_mjx.wrappers.grabs.slots import GrabSlots
-from maax_mjx.wrappers.handled import by_kind, check_new_action, declared_by_kind
+from maax_mjx.wrappers.handled import by_kind, declared_by_kind
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.reach import Reach
 from maax_mjx.wrappers.wrapper import Wrapper
@@ -69,8 +69,7 @@ class GrabObjects(Wrapper):
         selective: bool = False,
         in_vision_only: bool = False,
     ):
-        check_new_action(env, GRAB)
-        super().__init__(deepcopy(env))
+        super().__init__(deepcopy(check_environment(env)))
         self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
         self.exclusive = check_bool("exclusive", exclusive)
         self.selective = check_bool("selective", selective)
