@@ -20,7 +20,7 @@ CONE_OPACITY, RAY_OPACITY = 0.2, 0.6
 def draw_sight(layer: LineOfSight, state: State, canvas: Canvas) -> None:
     """The cone ahead of every agent that sees at all, and lines to the others that it sees of other teams."""
     subject = canvas.subject
-    sees = np.asarray(state.mechanics[layer.name]["sees_agents"])
+    sees = np.asarray(state.mechanics[layer.name][f"sees_{subject.agents.kind}"])
     for agent in canvas.playing:
         # Agents see themselves unless they see nothing at all.
         if not sees[agent, agent]:
