@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
+from matplotlib.figure import Figure
 
 import maax_mjx as maax
+from maax_mjx.viewer import draw_plan
 from maax_mjx.viewer.canvas import Canvas, Marked
 from maax_mjx.viewer.marks import marks_for
 from maax_mjx.viewer.stage import Stage
@@ -76,6 +78,17 @@ def test_the_battery_is_in_the_pixels_where_the_agent_is(example, view):
     scale = np.linalg.norm(ways) / np.linalg.norm(expected)
     assert 300 / 6 * 0.7 < scale < 300 / 6 * 1.1, "a floor of 6 m takes most of the picture"
     np.testing.assert_allclose(ways, scale * expected, atol=0.3 * scale)
+
+
+def test_a_plan_has_the_bars_and_the_labels(example):
+    env, state = example
+    ax = Figure().add_subplot()
+    draw_plan(ax, env, state)
+    assert sorted(text.get_text() for text in ax.texts) == ["0%", "100%", "25%"]
+    for agent, charge in enumerate(CHARGES):
+        start = state.data.xpos[env.base.agents.body_ids[agent], 0] - 0.2
+        ends = [line.get_xdata() for line in ax.lines]
+        assert any(np.allclose(xs, [start, start + 0.4 * charge], atol=1e-5) for xs in ends), agent
 
 
 def test_the_battery_is_in_a_replay(example, monkeypatch):
