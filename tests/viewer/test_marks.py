@@ -303,7 +303,7 @@ WRONG_MARKS = {
     "colour": (lambda c: c.label("a", "text", HERE, "red"), "colour: got 'red'; takes 4 finite numbers"),
     "ends": (lambda c: c.line("a", [HERE], RED), r"ends: got the shape \(1, 3\); takes \(2, 3\) metres"),
     "width": (lambda c: c.line("a", [HERE, HERE], RED, width=0), "width: got 0; takes a positive number"),
-    "tinted kind": (lambda c: c.tint("agent", 0, RED, 1.0), r"kind: got 'agent'; takes one of \['agent'\]"),
+    "tinted kind": (lambda c: c.tint("robot", 0, RED, 1.0), r"kind: got 'robot'; takes one of \['agent'\]"),
     "share": (lambda c: c.tint("agent", 0, RED, 2.0), r"share: got 2.0; takes a number in \[0, 1\]"),
 }
 
