@@ -6,7 +6,7 @@ python notebooks/multi_device.py --processes 2        two processes on this mach
 python notebooks/multi_device.py --folder run         saves every round; called again, it goes on from the last
 srun python notebooks/multi_device.py --distributed   one process per SLURM task; mpirun of Open MPI up to 4 likewise
 
-Anywhere else every process is told which it is, with the address of the first one and a port that is free there:
+Anywhere else give every process its rank, the address of the first one and a port that is free there:
 python notebooks/multi_device.py --processes 2 --coordinator HOST:PORT --rank 0    and --rank 1 in another shell or host
 On a machine with GPUs, --processes 2 --gpus 2 gives every process its own.
 """
@@ -48,7 +48,7 @@ class Config:
         rounds: how many rounds.
         method: shard_map or pmap.
         processes: how many to start on this machine.
-        gpus: how many GPUs it has, of which each process gets an equal share; 0 for a CPU.
+        gpus: how many GPUs it has, shared equally by the processes; 0 for a CPU.
         distributed: whether a launcher started this process beside others (SLURM, mpirun, a cloud's TPU pod).
         rank: of this process, where no launcher says it.
         coordinator: HOST:PORT of the first process, likewise.

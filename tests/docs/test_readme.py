@@ -9,15 +9,20 @@ from pathlib import Path
 import pytest
 
 from maax_mjx.cli import main
+from maax_mjx.layout import scenarios
 from maax_mjx.tasks import registry
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCKS = {
-    f"{page.stem}-{i}": block
+PYTHON_THEN_TEXT = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
+FOUND = {
+    f"{page.stem}-{i}": found
     for page in PAGES
-    for i, block in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
+    for i, found in enumerate(PYTHON_THEN_TEXT.findall(page.read_text()))
 }
+BLOCKS = {name: block for name, (block, _) in FOUND.items()}
+PRINTED = {name: text for name, (_, text) in FOUND.items() if text}
+"""What blocks print, where the page has that below them."""
 
 (DESCENT,) = [name for name, block in BLOCKS.items() if "jax.value_and_grad" in block]
 (LEARNT,) = [name for name, block in BLOCKS.items() if "class ActorCritic" in block]
@@ -28,16 +33,18 @@ BLOCKS = {
 def test_block(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(registry, "_TASKS", dict(registry._TASKS))
+    monkeypatch.setattr(scenarios, "_SCENARIOS", dict(scenarios._SCENARIOS))
     if "stable_baselines3" in BLOCKS[name]:
         pytest.importorskip("stable_baselines3")  # with PyTorch, too large to install for one block
     exec(compile(BLOCKS[name], name, "exec"), {"__name__": "__main__"})
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert printed == PRINTED.get(name, printed)
     if name == DESCENT:
-        reached = re.fullmatch(r"([\d.]+) mm from the goal after (\d+) iterations\n", told)
+        reached = re.fullmatch(r"([\d.]+) mm from the goal after (\d+) iterations\n", printed)
         assert float(reached[1]) < 5
         assert int(reached[2]) < 49
     if name == LEARNT:
-        before, after = (float(word) for word in re.fullmatch(r"reward a step (\S+) -> (\S+)\n", told).groups())
+        before, after = (float(word) for word in re.fullmatch(r"reward a step (\S+) -> (\S+)\n", printed).groups())
         assert after > before + 0.5
 
 
