@@ -335,7 +335,7 @@ ERRORS = {
     ),
     "blind without senses": (
         lambda e, s: maax.PreparationPhase(maax.TeamMembership(maax.make("standard", impl="c")), blind=True),
-        "blind: got True, and no sense to take away; takes LineOfSight or Lidar inside",
+        "blind: got True without a sense inside; takes LineOfSight or Lidar inside",
     ),
     "blind to what is hidden": (
         lambda e, s: maax.PreparationPhase(maax.SelectObservations(e, ["sees_agent", "sees_box"]), blind=True),
