@@ -16,9 +16,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PYTHON_THEN_TEXT = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 FOUND = {
-    f"{page.stem}-{i}": found
-    for page in PAGES
-    for i, found in enumerate(PYTHON_THEN_TEXT.findall(page.read_text()))
+    f"{page.stem}-{i}": found for page in PAGES for i, found in enumerate(PYTHON_THEN_TEXT.findall(page.read_text()))
 }
 BLOCKS = {name: block for name, (block, _) in FOUND.items()}
 PRINTED = {name: text for name, (_, text) in FOUND.items() if text}
