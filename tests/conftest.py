@@ -22,7 +22,10 @@ from hypothesis import settings
 settings.register_profile("maax", deadline=None, max_examples=25)
 settings.load_profile("maax")
 
-LONGEST = ("test_readme", "test_notebooks", "test_env", "test_hostile", "test_worlds", "test_viewer", "test_rollouts")
+LONGEST = (
+    "test_readme", "test_notebooks", "test_env", "test_check_env", "test_hostile", "test_physics", "test_games",
+    "test_worlds", "test_viewer", "test_rollouts", "test_devices", "test_placement", "test_full_config",
+)  # fmt: skip
 """Files that take longest: begun first, so that no worker is left with one while the other has nothing to do."""
 
 

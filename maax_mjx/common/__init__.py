@@ -1,1 +1,1 @@
-"""What every room may use: checks, keys, parameters, spaces, arrays, the JAX runtime."""
+"""Shared helpers of all rooms: checks, keys, parameters, spaces, arrays, the JAX runtime."""

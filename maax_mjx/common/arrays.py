@@ -1,4 +1,4 @@
-"""Operations on arrays that several rooms need."""
+"""Array operations that several rooms need."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 
 def with_rows(array: jax.Array, rows: np.ndarray, values: jax.Array) -> jax.Array:
-    """`array.at[rows].set(values)` as a gather: on a CPU a scatter is a loop, slower to run and to compile."""
+    """Computes `array.at[rows].set(values)` as a gather: a scatter is a loop on a CPU, slower to run and to compile."""
     source = np.arange(len(array))
     source[rows.ravel()] = len(array) + np.arange(rows.size)
     return jnp.concatenate([array, values.astype(array.dtype).reshape(rows.size, *array.shape[1:])])[source]
 
 
 def null_rows(arrays: dict[str, jax.Array], who: jax.Array) -> dict[str, jax.Array]:
-    """Arrays (n_agents, ...) with zeros for agents `who`."""
+    """Returns arrays (n_agents, ...) with zeros for the agents in `who`, a mask (n_agents,)."""
     return {name: shown(x, ~who) for name, x in arrays.items()}
 
 
 def shown(array: jax.Array, mask: jax.Array) -> jax.Array:
-    """An array with zeros where a mask over its leading axes is false."""
+    """Returns the array with zeros where a mask over its leading axes is false."""
     return jnp.where(mask.reshape(*mask.shape, *[1] * (array.ndim - mask.ndim)), array, jnp.zeros_like(array))

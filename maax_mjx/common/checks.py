@@ -1,4 +1,4 @@
-"""Checks of what users pass in. Every message names the argument, what it got and what it takes."""
+"""Checks of arguments. Every message names the argument, what it got and what it takes."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ FloatPair = tuple[float, float]
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether any leaf is a tracer, so that its value cannot be looked at."""
+    """Whether any leaf is a tracer, so that its value cannot be read."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def described(value: Any) -> str:
-    """What a user gave, in short: states and environments have texts that are pages long."""
+    """Returns a short text for a value: numbers and strings as they are, else the type, as a state's repr is long."""
     return repr(value) if value is None or isinstance(value, str | int | float) else type(value).__name__
 
 
 def check_count(name: str, value: Any, minimum: int = 0) -> int:
-    """A whole number of at least `minimum`."""
+    """Returns a whole number of at least `minimum`."""
     if not _is_number(value, int, np.integer) or value < minimum:
         raise ValueError(f"{name}: got {value!r}; takes a whole number of at least {minimum}")
     return int(value)
 
 
 def check_count_range(name: str, value: Any, minimum: int = 0) -> tuple[int, int]:
-    """A whole number, or (low, high) with minimum <= low <= high."""
+    """Returns (low, high) of a whole number or a range with minimum <= low <= high."""
     low, high = _pair(value)
     if not _is_number(low, int, np.integer) or not _is_number(high, int, np.integer) or not minimum <= low <= high:
         raise ValueError(
@@ -43,21 +43,21 @@ def check_count_range(name: str, value: Any, minimum: int = 0) -> tuple[int, int
 
 
 def check_bool(name: str, value: Any) -> bool:
-    """True or False."""
+    """Returns True or False."""
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name}: got {value!r}; takes True or False")
     return bool(value)
 
 
 def check_positive(name: str, value: Any) -> float:
-    """A positive finite number."""
+    """Returns a positive finite number."""
     if not _is_number(value) or not 0 < value < np.inf:
         raise ValueError(f"{name}: got {value!r}; takes a positive number")
     return float(value)
 
 
 def check_range(name: str, value: Any, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> FloatPair:
-    """A finite number in [low, high], or (low, high) of such; `above` leaves out the lower bound itself."""
+    """Returns (low, high) of a finite number in [low, high] or a range; `above` excludes the lower bound itself."""
     pair = _pair(value)
     inside = all(_is_number(v) and low <= v <= high and abs(v) < np.inf and not (above and v == low) for v in pair)
     if not inside or not pair[0] <= pair[1]:
@@ -69,12 +69,12 @@ def check_range(name: str, value: Any, low: float = 0.0, high: float = np.inf, *
 
 
 def check_fraction(name: str, value: Any) -> FloatPair:
-    """A share in [0, 1], or (low, high) of such."""
+    """Returns (low, high) of a share in [0, 1] or a range of shares."""
     return check_range(name, value, 0.0, 1.0)
 
 
 def _pair(value: Any) -> tuple[Any, Any]:
-    """(low, high) of what a user gave as a range; Nones where it is not two."""
+    """Splits an argument into (low, high); both None where it is a sequence of another length than two."""
     if not isinstance(value, tuple | list):
         return value, value
     return (value[0], value[1]) if len(value) == 2 else (None, None)
@@ -85,7 +85,7 @@ def _is_number(value: Any, *kinds: type) -> bool:
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
-    """One of some names; suggests the nearest."""
+    """Returns one of the choices; an error suggests the nearest."""
     choices = sorted(choices)
     if value not in choices:
         near = get_close_matches(str(value), choices, n=2)
@@ -95,8 +95,8 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
 
 
 def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
-    """A file to write: its ending is one of some, and its folder is there."""
-    takes = f"a file that ends in {' or '.join(endings)}, in a folder that is there"
+    """Returns the path of a file to write, with one of the endings and in an existing folder."""
+    takes = f"a file that ends in {' or '.join(endings)}, in an existing folder"
     if not isinstance(value, str | Path):
         raise ValueError(f"{name}: got {described(value)}; takes the name of {takes}")
     path = Path(value)
@@ -105,12 +105,12 @@ def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
     if path.is_dir():
         raise ValueError(f"{name}: got {str(path)!r}, which is a folder; takes {takes}")
     if not path.parent.is_dir():
-        raise ValueError(f"{name}: got {str(path)!r}, and there is no folder {str(path.parent)!r}; takes {takes}")
+        raise ValueError(f"{name}: got {str(path)!r}, and no folder {str(path.parent)!r} exists; takes {takes}")
     return path
 
 
 def check_per_object(name: str, value: Callable | Sequence[Callable], n: int) -> list[Callable]:
-    """One function for all of `n` objects, or a list with one for each."""
+    """Returns a list of `n` functions, one per object, from one function for all or such a list."""
     if not callable(value) and (not isinstance(value, Sequence) or isinstance(value, str)):
         raise ValueError(f"{name}: got {value!r}; takes a function (layout, cells) -> weights, or a list of {n}")
     fns = [value] * n if callable(value) else list(value)
@@ -132,7 +132,7 @@ def check_not_donated(states: Any) -> None:
 
 
 def check_key(name: str, key: Any) -> None:
-    """A typed PRNG key."""
+    """Refuses anything but a typed PRNG key."""
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raw = hasattr(key, "dtype") and key.dtype == jnp.uint32
         got = f"an array of {key.dtype}" if hasattr(key, "dtype") else repr(key)

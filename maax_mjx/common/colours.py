@@ -1,4 +1,4 @@
-"""Colours that models and pictures share: those of Okabe and Ito, which colour-blind people can tell apart."""
+"""Colours that models and pictures share: those of Okabe and Ito, which colour-blind people can distinguish."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ Colour = tuple[float, float, float, float]
 
 
 def colour(text: str, opacity: float = 1.0) -> Colour:
-    """The colour that a text such as "#0072b2" names."""
+    """Returns the colour that a text such as "#0072b2" names."""
     red, green, blue = (int(text[i : i + 2], 16) / 255 for i in (1, 3, 5))
     return red, green, blue, opacity
 
 
 GREY: Colour = (0.5, 0.5, 0.5, 1.0)
 TEAM_COLOURS = tuple(colour(text) for text in ("#0072b2", "#d55e00", "#cc79a7", "#56b4e9", "#e69f00", "#f0e442"))
-"""Colours of teams that were given none, in their order."""
+"""RGBA of teams without given colours, in the teams' order."""

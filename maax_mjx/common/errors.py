@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class MissingLibraryError(RuntimeError):
-    """A library is not installed, or not in a version that fits; the message says what to install."""
+    """A library that is missing or has a version that does not fit; the message says what to install."""

@@ -1,4 +1,4 @@
-"""What an observation is: its axes, its columns, and who sees it. Modules and wrappers declare it."""
+"""Declarations of observations, by modules and wrappers: axes, columns and who sees them."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 from math import pi
 
 AGENT = "agent"
+"""Name of the axis of agents."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One number of an observation.
+    """One column of an observation.
 
     Attributes:
-        name: of the number; some have a meaning for `EgocentricObservations`: see `POSITION`, `TURN`, `VELOCITY`.
+        name: the column's name; `EgocentricObservations` gives some a meaning: `POSITION`, `TURN`, `VELOCITY`.
         unit: "m", "rad", "m/s", ...; empty for shares, flags and counts.
-        scale: how large it typically is, in its unit; networks divide by it.
+        scale: typical size in its unit; networks divide by it.
     """
 
     name: str
@@ -38,26 +39,26 @@ ROTATION = tuple(Column(f"{axis}{part}") for axis in ("forward ", "left ") for p
 VELOCITY = (Column("vx", "m/s", 3.0), Column("vy", "m/s", 3.0), Column("vz", "m/s", 3.0))
 SPIN = (Column("spin", "rad/s", 6.0),)
 SPINS = tuple(Column(f"spin {axis}", "rad/s", 6.0) for axis in "xyz")
-"""Angular velocity of a free body, about its own axes."""
+"""Angular velocity of a free body about its own axes, in radians per second."""
 SIZE = tuple(Column(f"size {axis}", "m") for axis in "xyz")
 
 
 @dataclass(frozen=True)
 class Observed:
-    """What an array of observations is about.
+    """The declaration of one array of observations.
 
-    Its shape is one length for every axis, and then the number of columns, if it has columns.
+    The array's shape is one length per axis, followed by the number of columns if it has columns.
 
     Attributes:
-        axes: what every axis counts: "agent", the kind of an entity such as "box", or something of its own such as
-            "ray". Arrays that share an axis are about the same things.
-        columns: what stands along the last axis; none for masks and plain numbers.
-        present: the name of the mask of what is in play, along the same axes or the last of them. Found by name
-            (`<kind>_mask`) unless given.
-        seen: the name of the mask of what an agent sees of it. Found by name (`sees_<kind>`) unless given.
-        private: with "agent" as the first axis, whether a row is that agent's own, or others see it too.
-        derived: whether other arrays say the same; such are left out of what agents learn from.
-        critic: whether it is for a value function alone, which may see more than any agent.
+        axes: what each axis counts: "agent", the kind of an entity such as "box", or another name such as "ray". Arrays
+            that share an axis describe the same things.
+        columns: columns of the last axis; none for masks and plain numbers.
+        present: name of the mask of entities in play, along the same axes or the last of them; None finds
+            `<kind>_mask`.
+        seen: name of the mask of what an agent sees; None finds `sees_<kind>`.
+        private: with "agent" as the first axis, whether a row is that agent's own; otherwise others see it too.
+        derived: whether other arrays hold the same information; such arrays are left out of what agents learn from.
+        critic: whether it is only for a value function, which may see more than any agent.
     """
 
     axes: tuple[str, ...] = ()
@@ -80,21 +81,21 @@ class Observed:
 
     @property
     def is_of_agents(self) -> bool:
-        """Whether its rows belong to agents."""
+        """Whether the array's rows belong to agents."""
         return self.axes[:1] == (AGENT,)
 
     @property
     def entity(self) -> str | None:
-        """The kind of what it lists: its first axis, or the second where rows belong to agents; None for nothing."""
+        """Kind of the listed entities: the first axis, or the second where rows belong to agents; None without one."""
         axes = self.axes[1:] if self.is_of_agents and self.private else self.axes
         return axes[0] if axes else None
 
     def names(self) -> tuple[str, ...]:
-        """The names of its columns."""
+        """Returns the names of the columns."""
         return tuple(column.name for column in self.columns)
 
     def whose(self) -> str:
-        """Who sees it, in words."""
+        """Returns a text that says who sees the array."""
         if self.critic:
             return "critics"
         if self.is_of_agents and self.private:
@@ -105,12 +106,12 @@ class Observed:
 
 
 def flag(*names: str) -> tuple[Column, ...]:
-    """Columns that are 0 or 1, or shares."""
+    """Returns columns that are 0 or 1, or shares."""
     return tuple(Column(name) for name in names)
 
 
 def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
-    """A table in which every array names the masks of what it lists, where there are such masks."""
+    """Returns the table with the masks of every array filled in, where there are such masks."""
 
     def masks(name: str, one: Observed) -> Observed:
         kind = one.entity
@@ -124,15 +125,15 @@ def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
 
 
 def check_shapes(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, ...]], who: str) -> None:
-    """Refuses arrays whose shapes are not what was declared of them.
+    """Refuses arrays whose shapes do not match their declarations.
 
     Args:
-        table: what was declared, of all arrays at least.
-        shapes: of the arrays, by name.
-        who: the wrapper or command that needs it, for the message.
+        table: declarations, of all arrays at least.
+        shapes: shapes of the arrays, by name.
+        who: the wrapper or command that needs them, for the message.
 
     Raises:
-        ValueError: another number of axes or columns, or two lengths of one axis.
+        ValueError: another number of axes or columns than declared, or two lengths of one axis.
     """
     lengths: dict[str, tuple[int, str]] = {}
     for name, shape in shapes.items():
@@ -152,7 +153,7 @@ def check_shapes(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, 
 
 
 def declaration(name: str, shape: tuple[int, ...], n_agents: int) -> str:
-    """A line that would declare an array, guessed from its shape; for messages."""
+    """Returns a line of code that would declare an array, guessed from its shape, for messages."""
     axes = ["agent" if i == 0 and n == n_agents else "..." for i, n in enumerate(shape)]
     columns = ""
     if len(shape) > 1:
@@ -162,5 +163,5 @@ def declaration(name: str, shape: tuple[int, ...], n_agents: int) -> str:
 
 
 def kinds(table: Iterable[Observed]) -> list[str]:
-    """The kinds that arrays list, in order."""
+    """Returns the kinds that the arrays list, in order."""
     return list(dict.fromkeys(one.entity for one in table if one.entity is not None))

@@ -16,12 +16,12 @@ from maax_mjx.common.keys import draw_integer, named_keys
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a module declares about one of its parameters.
+    """The declaration of a parameter by a module.
 
     Attributes:
-        name: unique within an environment, such as "n_boxes".
-        default: (low, high), the range drawn from unless the params say otherwise. Whole numbers for a count.
-        bound: (low, high), the values that the compiled model can hold.
+        name: name, unique within an environment, such as "n_boxes".
+        default: (low, high) to draw from unless the params say otherwise; whole numbers for a count.
+        bound: (low, high) that the compiled model can hold.
     """
 
     name: str
@@ -30,13 +30,13 @@ class Parameter:
 
     @property
     def dtype(self) -> Any:
-        """int32 of a count, the default float of anything else."""
+        """Type of its values: int32 for a count, else the default float."""
         return jnp.int32 if all(isinstance(x, int) for x in self.default) else jnp.result_type(float)
 
 
 @jax.tree_util.register_pytree_with_keys_class
 class DomainParams(Mapping[str, jax.Array]):
-    """A (low, high) range, both included, for every parameter of an environment: a pytree that `reset` takes.
+    """A range (low, high), both included, for every parameter of an environment: a pytree that `reset` takes.
 
     Ranges are data: moving them never recompiles, and a batch may hold a different one for every world (leaves of
     shape (n_worlds, 2)).
@@ -50,10 +50,10 @@ class DomainParams(Mapping[str, jax.Array]):
         self._ranges = dict(ranges)
 
     def replace(self, **ranges: Any) -> DomainParams:
-        """The params with some ranges changed; a single number is a range of one value.
+        """Returns the params with some ranges changed; a single number is a range of one value.
 
         Raises:
-            ValueError: an unknown name, or values that are not numbers, or not whole ones for a count.
+            ValueError: an unknown name, values that are not numbers, or fractions for a count.
         """
         new = dict(self._ranges)
         for name, value in ranges.items():
@@ -88,24 +88,24 @@ class DomainParams(Mapping[str, jax.Array]):
         return cls(dict(zip(names, leaves, strict=True)))
 
     def draw_counts(self, key: jax.Array, names: Iterable[str]) -> jax.Array:
-        """(n,) int32 whole numbers, uniform over the ranges of parameters, each from a key of its own name."""
+        """Draws (n,) int32, uniform over the ranges of the named parameters, each with a key of its own name."""
         names = list(names)
         low, high = jnp.stack([self._ranges[name] for name in names], axis=1)
         return jax.vmap(draw_integer)(named_keys(key, names), low, high)
 
     def draw(self, key: jax.Array, name: str) -> jax.Array:
-        """A number, uniform over the parameter's range: () float."""
+        """Draws a number, () float, uniform over the parameter's range."""
         low, high = self._ranges[name]
         return low + (high - low) * jax.random.uniform(key)
 
 
 def default_params(parameters: Mapping[str, Parameter]) -> DomainParams:
-    """The default range of every declared parameter."""
+    """Returns the default range of every declared parameter."""
     return DomainParams({name: jnp.array(p.default, p.dtype) for name, p in parameters.items()})
 
 
 def params_in_bounds(params: DomainParams, parameters: Mapping[str, Parameter]) -> jax.Array:
-    """() bool: whether every range lies in its bound and is not reversed. Traceable."""
+    """Whether every range lies in its bound and is not reversed: () bool. Traceable."""
     ok = [
         (p.bound[0] <= params[name][0]) & (params[name][0] <= params[name][1]) & (params[name][1] <= p.bound[1])
         for name, p in parameters.items()
@@ -114,17 +114,17 @@ def params_in_bounds(params: DomainParams, parameters: Mapping[str, Parameter]) 
 
 
 def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead: tuple[int, ...] = ()) -> None:
-    """Refuses params that do not belong to these parameters, or that leave their bounds.
+    """Refuses params that belong to other parameters or leave their bounds.
 
-    Values are looked at only outside traced code.
+    Values are checked only outside traced code.
 
     Args:
         params: ranges with leaves (2,) or (*lead, 2).
-        parameters: what can be randomised.
+        parameters: declarations, by name.
         lead: (n_worlds,) where every world may have a range of its own.
 
     Raises:
-        ValueError: naming the parameter, its value and its bound.
+        ValueError: wrong params; the message names the parameter, its value and its bound.
     """
     if not isinstance(params, DomainParams):
         raise ValueError(f"params: got {type(params).__name__}; takes env.default_params, changed with .replace(...)")
@@ -142,7 +142,7 @@ def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead
         if is_traced(params[name]):
             continue
         value = np.asarray(params[name]).reshape(-1, 2)
-        # Written so that NaN is wrong.
+        # Written so that NaN counts as wrong.
         wrong = ~((value[:, 0] <= value[:, 1]) & (value[:, 0] >= p.bound[0]) & (value[:, 1] <= p.bound[1]))
         if wrong.any():
             low, high = value[wrong.argmax()]

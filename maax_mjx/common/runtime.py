@@ -1,4 +1,4 @@
-"""Settings of the JAX runtime that have to be made before its first use."""
+"""Settings of the JAX runtime that take effect only before its first use."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from pathlib import Path
 from typing import Any
 
 FEW_CORES = 3
+"""CPU cores up to which `guard_small_hosts` sets the number of threads."""
 XLA_CPU_THREADS = "3"
 NO_MEMORY = ("RESOURCE_EXHAUSTED", "Out of memory", "out of memory", "Failed to allocate", "bad_alloc")
+"""Texts of errors that mean a lack of memory."""
 
 
 def guard_small_hosts() -> None:
     """Gives XLA's CPU client more than two threads on a host of few cores.
 
     With exactly two, jaxlib 0.10 hangs for ever in large vmapped programs (seen in `jax.vmap(mjx.step)` of 64 worlds:
-    every pool thread idle, the executable waiting). XLA reads NPROC when its client starts; a value that the user
-    set stays.
+    every pool thread idle, the executable waiting). XLA reads NPROC when its client starts; a value set by the user is
+    kept.
     """
     if cores() > FEW_CORES or "NPROC" in os.environ:
         return
@@ -44,32 +46,32 @@ def _jax_runs() -> bool:
 
 
 def cores() -> int:
-    """The cores that this process may use."""
+    """Returns the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error says so, of JAX, of Warp inside a JAX program, or of C++ on the host."""
+    """Whether an error means a lack of memory: of JAX, of Warp inside a JAX program, or of C++ on the host."""
     return isinstance(error, MemoryError) or any(words in str(error) for words in NO_MEMORY)
 
 
 def keep_compiled_programs() -> None:
-    """Has JAX keep what it compiles between processes, in a folder of this user and this kind of machine.
+    """Makes JAX keep compiled programs between processes, in a folder per user and kind of processor.
 
-    A folder that the user chose stays, and `JAX_ENABLE_COMPILATION_CACHE=0` turns it off. Programs with host callbacks,
-    such as those of the `c` engine, are never kept by JAX.
+    A folder set by the user is kept, and `JAX_ENABLE_COMPILATION_CACHE=0` turns the cache off. JAX never keeps programs
+    with host callbacks, such as those of the `c` engine.
     """
     import jax
 
     if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
         home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        # Compiled for the processor at hand; home folders are shared by machines with others.
+        # Programs are compiled for this processor, and machines with other processors may share the home folder.
         cpu = sha1(f"{platform.machine()} {_processor()}".encode()).hexdigest()[:12]
         jax.config.update("jax_compilation_cache_dir", str(home / "maax_mjx" / f"xla-{cpu}"))
 
 
 def _processor() -> str:
-    """What the processor is able to do."""
+    """Returns the features of the processor, as text."""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next((line for line in lines if line.startswith(("flags", "Features"))), "")
@@ -78,16 +80,16 @@ def _processor() -> str:
 
 @cache
 def quick_compilation(level: int) -> dict[str, Any]:
-    """Compiler options under which XLA takes a third to half of the time for a program for the CPU.
+    """Returns compiler options with which XLA compiles for the CPU in a third to half of the time.
 
-    Measured on env steps of the engines `c` and `jax`: at level 1 as fast as with XLA's defaults, or faster, at
-    level 0 a fifth slower.
+    Measured on env steps of the engines `c` and `jax`: level 1 runs as fast as XLA's defaults, or faster; level 0 is a
+    fifth slower.
 
     Args:
-        level: of optimisation.
+        level: level of optimisation.
 
     Returns:
-        Those of them that this XLA knows.
+        The options that the installed XLA knows.
     """
     import jax
 
@@ -100,7 +102,7 @@ def quick_compilation(level: int) -> dict[str, Any]:
 
 
 def import_mjx() -> None:
-    """Imports MJX without what it prints: that Warp is not installed, or that it is, and every kernel it loads."""
+    """Imports MJX and hides its messages about Warp: whether it is installed, and every kernel it loads."""
     with contextlib.suppress(ImportError):
         import warp
 

@@ -1,4 +1,4 @@
-"""Gymnasium spaces from and for JAX arrays."""
+"""Gymnasium spaces of JAX arrays, samples of them and checks of actions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from maax_mjx.common.checks import is_traced
 
 
 def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
-    """The space of a dict of arrays or shapes: bool is MultiBinary, everything else an unbounded Box."""
+    """Returns the space of a dict of arrays or shapes: MultiBinary for bool, else an unbounded Box."""
 
     def one(x: Any) -> spaces.Space:
         if x.dtype == bool:
@@ -25,7 +25,7 @@ def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
 
 
 def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
-    """A uniform sample of a dict of bounded boxes, bins and binaries, under jit too."""
+    """Draws a uniform sample of a dict of bounded boxes, bins and binaries; traceable."""
     out = {}
     for k, (name, sub) in zip(jax.random.split(key, len(space.spaces)), space.spaces.items(), strict=True):
         if isinstance(sub, spaces.Box):
@@ -40,18 +40,18 @@ def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
 
 
 def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), argument: str = "action") -> None:
-    """Refuses an action of other names, shapes or kinds than the space's.
+    """Refuses an action whose names, shapes or dtypes differ from the space's.
 
-    Outside traced code it refuses NaN too, and bins and binaries out of their range.
+    Outside traced code, NaN and bins or binaries out of range are refused too.
 
     Args:
         space: the action space of one world.
         action: the action, with leading axes `lead`.
         lead: the leading axes.
-        argument: what messages call it.
+        argument: name of the argument in messages.
 
     Raises:
-        ValueError: naming the part of the action that is wrong.
+        ValueError: a wrong action; the message names its part.
     """
     if not isinstance(action, Mapping):
         got = "an array" if isinstance(action, jax.Array) else type(action).__name__
@@ -76,7 +76,7 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), ar
 
 
 def _most(space: spaces.Space) -> int:
-    """The greatest number of bins or binaries; all bins are of one size."""
+    """Returns the greatest bin or binary; all bins have the same size."""
     return int(space.nvec.flat[0]) - 1 if isinstance(space, spaces.MultiDiscrete) else 1
 
 
@@ -85,7 +85,7 @@ def _takes(space: spaces.Space) -> str:
 
 
 def _on_host(x: Any) -> list[np.ndarray]:
-    """An array on the host, or of one that spans several processes, the parts that are here."""
+    """Returns an array on the host; for an array that spans processes, its parts in this process."""
     if isinstance(x, jax.Array) and not x.is_fully_addressable:
         return [np.asarray(part.data) for part in x.addressable_shards]
     return [np.asarray(x)]

@@ -1,1 +1,1 @@
-"""Environments: what they are, how modules make one, what a state is."""
+"""Environments, how modules make one, and the state that they step."""

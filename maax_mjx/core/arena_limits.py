@@ -1,7 +1,7 @@
-"""The arena's edge as joint ranges (`outer="limits"`): it is closed without a single contact.
+"""Joint ranges that close the arena without contacts (`outer="limits"`).
 
-An entity's slides along x and y end where its bounding box, as it is turned, meets the edge of the floor. The ranges
-are data of the world, written anew after every step, since boxes turn.
+An entity's slides along x and y end where its bounding box, at its current yaw, meets the edge of the floor. The ranges
+are data of the world and are written after every physics step, since boxes turn.
 """
 
 from __future__ import annotations
@@ -21,23 +21,25 @@ from maax_mjx.physics import Data, Overlay
 
 AXES = ("x", "y")
 FAR = 1e3
+"""Metres of a joint range that is wide open."""
 SOLREF, SOLIMP = (0.01, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
-"""As stiff as a step of 5 ms allows: a lock gives 0.2 mm under 200 N, where MuJoCo's defaults give 4 mm and more."""
+"""Solver settings as stiff as a step of 5 ms allows: a lock gives 0.2 mm under 200 N, and 4 mm and more with MuJoCo's
+defaults."""
 
 
 def limit_joint(joint: mujoco.MjsJoint) -> None:
-    """Gives a joint a stiff range, wide open until data closes it."""
+    """Gives a joint a stiff range that is wide open until data closes it."""
     joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
     joint.range = (-FAR, FAR)
     joint.solref_limit, joint.solimp_limit = SOLREF, SOLIMP
 
 
 class ArenaLimits:
-    """Joint ranges of an environment's movable entities.
+    """The joint ranges of an environment's movable entities.
 
     Args:
-        entities: their modules; none with free joints, which have no range.
-        timestep: of the physics, in seconds.
+        entities: the modules of the entities, without free joints, which have no range.
+        timestep: seconds of one physics step.
     """
 
     def __init__(self, entities: Sequence[Entities], timestep: float):
@@ -45,16 +47,16 @@ class ArenaLimits:
         self.timestep = timestep
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Gives the joints ranges; what they are is data."""
+        """Adds ranges to the joints; the values are data."""
         for name in self._joint_names():
             limit_joint(spec.joint(name))
 
     def joint_ids(self, model: mujoco.MjModel) -> np.ndarray:
-        """(2 n,): x and y of every entity in turn."""
+        """Returns joint ids (2 n,), x and y of every entity in turn."""
         return np.array([model.joint(name).id for name in self._joint_names()], int)
 
     def write(self, world: World, data: Data, overlay: Overlay, model: mujoco.MjModel) -> World:
-        """The world with the ranges in it that belong to its state."""
+        """Returns the world with the joint ranges of its state."""
         ranges = world.fields["jnt_range"]
         rows = np.searchsorted(overlay["jnt_range"], self.joint_ids(model))
         # A closed range is a lock, and stays.
@@ -63,14 +65,14 @@ class ArenaLimits:
         return world.replace(fields=world.fields | {"jnt_range": with_rows(ranges, rows, new)})
 
     def _ranges(self, world: World, data: Data) -> jax.Array:
-        """(2 n, 2) metres, in the order of `joint_ids`; wide open for what is not in play."""
+        """Returns joint ranges (2 n, 2) in metres, in the order of `joint_ids`; wide open for inactive entities."""
         rows = []
         for module in self.entities:
             extents = module.extents_of(world)
             half = extents[:, :2] / 2
             if not module.is_round:
                 yaw, turning = data.qpos[module.qpos_ids[:, 3]], data.qvel[module.qvel_ids[:, 3]]
-                # The larger of now and after the coming step: a long box sweeps 10 cm in one.
+                # The larger extent of now and after the coming step: a long box sweeps 10 cm in one step.
                 now, soon = (turned_extents(extents, yaw + t * turning) for t in (0.0, self.timestep))
                 half = jax.lax.stop_gradient(jnp.maximum(now, soon)) / 2
             closed = jnp.stack([half, world.plan.floor_size - half], axis=-1)

@@ -1,4 +1,4 @@
-"""Whether a module fits an environment: beside the others, on the floor, in the engines' contacts."""
+"""Checks that a module fits an environment: the other modules, the floor, the engines' contacts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from maax_mjx.layout.grid import CELL_EPS, JAMMING
 from maax_mjx.modules import Agents, Entities, Module, Placed
 
 MIN_CONTACTS = 16
+"""Contact points per world that engines make room for at least."""
 
 
 def contact_capacity(modules: Iterable[Module]) -> int:
-    """Contact points per world that the engines of accelerators make room for.
+    """Returns how many contact points per world the `jax` and `warp` engines make room for.
 
-    It is 31 for M. On an H200, MJX-JAX takes about as long with 24 to 30 points, and half as long again with 32, where
-    its constraint rows pass 127 and XLA sums over them with another kernel (`benchmarks/profile.py`).
+    The benchmarks' environment M has 31. On an H200, MJX-JAX takes about as long with 24 to 30 points, and half as long
+    again with 32: its constraint rows pass 127, and XLA sums over them with another kernel (`benchmarks/profile.py`).
     """
     return max(MIN_CONTACTS, ceil(sum(module.contact_points for module in modules)))
 
@@ -24,14 +25,14 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
     """Refuses a module that does not fit.
 
     Args:
-        module: what is to be added.
-        before: what was added already.
-        n_agents: of the environment.
+        module: the module to add.
+        before: the modules that were added before it.
+        n_agents: number of the environment's agents.
         grid_size: cells per side.
-        floor_size: the smallest edge of the floor in metres.
+        floor_size: smallest edge of the floor in metres.
 
     Raises:
-        ValueError: naming the argument.
+        ValueError: a module that does not fit; the message names the argument.
     """
     if module.name in [m.name for m in before]:
         raise ValueError(f"module: got a second {module.name!r}; takes one of each, by name")
@@ -63,7 +64,7 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
     """Refuses more objects than the floor can hold when they are placed at random.
 
     Raises:
-        ValueError: with the free cells, the largest footprint and how many objects of it fit.
+        ValueError: too many objects; the message has the free cells, the largest footprint and how many of it fit.
     """
     cell = floor_size / grid_size
     footprints = [(m, _footprint(extent, cell)) for m in modules for extent in m.extents]
@@ -91,7 +92,7 @@ def _footprint(extent: tuple[float, float], cell: float) -> tuple[int, int]:
 
 
 def _check_quadrant(modules: Sequence[Module], grid_size: int, cell: float) -> None:
-    # Without a quadrant, placement by its name is anywhere.
+    # Without a quadrant in the world, placement in the quadrant means anywhere.
     cells = min((m.quadrant_cells(grid_size) for m in modules if m.provides_quadrant), default=grid_size**2)
     inside = [
         _footprint(extent, cell)

@@ -1,4 +1,4 @@
-"""`Composition`: modules, and the model that they make together."""
+"""`Composition`: modules, and the model that is made of them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
 
 
 class Composition:
-    """Modules, and what is made of them on the host: the model, the overlay, the engine.
+    """Modules, and what is made of them on the host: the model, the overlay and the engine.
 
-    What follows from the modules is worked out when it is first read, and again after another module was added. The
-    arguments are those of `Base`.
+    Derived properties are computed when they are first read, and again after another module was added. The arguments
+    are those of `Base`.
     """
 
     def __init__(
@@ -57,13 +57,13 @@ class Composition:
     # --- modules -----------------------------------------------------------------------------------------------
 
     def add_module(self, module: Module) -> None:
-        """Adds a module; those added first draw first.
+        """Adds a module; modules draw in the order in which they were added.
 
-        States from before it was added do not fit the environment any more, and wrappers that are around it already
-        know nothing of it: add modules first, and then wrap and reset.
+        States made before do not fit the environment any more, and existing wrappers do not know the module: add all
+        modules first, then wrap, then reset.
 
         Raises:
-            ValueError: a module that does not fit the environment or what was added before it.
+            ValueError: a module that does not fit the environment or the modules before it.
         """
         if not isinstance(module, Module):
             raise ValueError(f"module: got {module!r}; takes a Module")
@@ -76,7 +76,7 @@ class Composition:
 
     @property
     def build(self) -> object:
-        """What stands for this composition: another object after a module was added."""
+        """A token of this composition, replaced when a module is added."""
         return self._build
 
     @property
@@ -86,14 +86,14 @@ class Composition:
 
     @property
     def movables(self) -> list[Entities]:
-        """The modules of what can move, if they hold anything."""
+        """The modules whose entities can move, if they have any."""
         return [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max]
 
     def objects(self, names: Sequence[str]) -> list[Entities]:
-        """The modules of those names, whose objects can move.
+        """Returns the modules of these names, whose objects can move.
 
         Raises:
-            ValueError: an unknown name, one whose objects cannot move, one that is given twice, or the agents.
+            ValueError: an unknown name, a module whose objects cannot move, a name given twice, or the agents.
         """
         known = {m.name: m for m in self._modules.values() if isinstance(m, Entities) and not isinstance(m, Agents)}
         if isinstance(names, str) or len(set(names)) < len(names):
@@ -110,7 +110,7 @@ class Composition:
         """The agents' module.
 
         Raises:
-            RuntimeError: there is none.
+            RuntimeError: the environment has no agents.
         """
         agents = self._modules.get(Agents.kind)
         if not isinstance(agents, Agents):
@@ -121,7 +121,7 @@ class Composition:
 
     @from_model
     def spec(self) -> mujoco.MjSpec:
-        """The MuJoCo spec, the largest number of everything in it."""
+        """The MuJoCo spec, with the maximum number of every kind."""
         _ = self.agents
         builder = WorldBuilder(self.world_params)
         floor = Floor(self.floor_size)
@@ -133,7 +133,7 @@ class Composition:
             module.spec_step(spec)
         if self._limits is not None:
             self._limits.edit(spec)
-        # What can be absent floats where it is parked; the overlay gives it its weight when it is in play.
+        # Bodies that can be absent float where they are parked; the overlay gives them weight when they are in play.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
         # Not max_geom_pairs: MJX keeps the pairs whose bounding spheres overlap most, and those of long walls overlap
@@ -158,29 +158,29 @@ class Composition:
 
     @from_model
     def engine(self) -> Engine:
-        """The physics engine. Made when it is first read, because it needs a JAX backend."""
+        """The physics engine, made when it is first read, because it needs a JAX backend."""
         n_equalities = self.model.neq - sum(module.idle_equalities for module in self._modules.values())
         return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world, n_equalities)
 
     @from_model
     def parameters(self) -> dict[str, Parameter]:
-        """What can be randomised, by name, with defaults and bounds."""
+        """The parameters that can be randomised, by name, with defaults and bounds."""
         parameters = self.floor_range.parameters + [p for module in self._modules.values() for p in module.parameters]
         return {p.name: p for p in parameters}
 
     @from_model
     def floor_id(self) -> np.ndarray:
-        """(1,) the floor's geom id."""
+        """Geom id of the floor, (1,)."""
         return np.array([self.model.geom("floor").id])
 
     @property
     def floor_size(self) -> float:
-        """The largest edge of the floor in metres; a world's own is `state.world.plan.floor_size`."""
+        """Largest edge of the floor in metres; a world's own is `state.world.plan.floor_size`."""
         return self.floor_range.high
 
     @property
     def contacts_per_world(self) -> int:
-        """Contact points that the accelerators' engines make room for."""
+        """Contact points per world that the `jax` and `warp` engines make room for."""
         return self._contacts_per_world or contact_capacity(self._modules.values())
 
     @property
@@ -192,28 +192,28 @@ class Composition:
 
     @property
     def default_params(self) -> DomainParams:
-        """The ranges that the modules were constructed with."""
+        """The ranges that the modules were built with."""
         return default_params(self.parameters)
 
     def check_params(self, params: DomainParams) -> None:
-        """Refuses params outside the bounds that the environment was built with.
+        """Refuses params outside the environment's bounds.
 
         Raises:
-            ValueError: naming the parameter, its value and its bound.
+            ValueError: a range outside its bound; the message names the parameter, its value and its bound.
         """
         check_params(params, self.parameters)
 
     def declared(self) -> dict[str, Observed]:
-        """What the modules' observations are."""
+        """Returns what the modules declare about their observations."""
         return {name: one for module in self._modules.values() for name, one in module.declared().items()}
 
     def bounded(self, world: World, data: Data) -> World:
-        """The world with the joint ranges that end at the edge of the arena, where it has any. Pure."""
+        """Returns the world with joint ranges that end at the edge of the arena, where it uses them. Pure."""
         return world if self._limits is None else self._limits.write(world, data, self.overlay, self.model)
 
     @jax.named_scope("observations")
     def module_observations(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """All modules' observations by name. Pure.
+        """Returns all modules' observations by name. Pure.
 
         Raises:
             ValueError: two modules observe the same name.

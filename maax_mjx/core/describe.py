@@ -1,4 +1,4 @@
-"""The table of an environment's observations, for people."""
+"""A readable table of an environment's observations."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from gymnasium import spaces
 from maax_mjx.common.observed import Column, Observed
 
 MANY = 24
-"""Columns beyond which they are counted instead of listed."""
+"""Columns of an observation from which on they are counted instead of listed."""
 UNDECLARED = "undeclared: all agents, in raw observations alone"
 
 
 class Row(NamedTuple):
-    """One observation.
+    """One row of the table, for one observation.
 
     Attributes:
-        name: of the array.
-        axes: what its axes count, in words.
-        shape: of the array, of one world.
-        columns: what stands along its last axis, with units, in words.
-        whose: who sees it, in words.
+        name: name of the array.
+        axes: names of its axes, joined to text.
+        shape: its shape in one world.
+        columns: names and units of its columns, joined to text.
+        whose: text that says who sees it.
     """
 
     name: str
@@ -48,11 +48,11 @@ class Description(tuple[Row, ...]):
 
 
 def describe(observed: Mapping[str, Observed], space: spaces.Dict) -> Description:
-    """The table of what is observed.
+    """Makes the table of an environment's observations.
 
     Args:
-        observed: what is declared.
-        space: of the observations.
+        observed: the declarations, by name.
+        space: the observation space.
     """
     rows = []
     for name, sub in space.spaces.items():
@@ -66,9 +66,9 @@ def describe(observed: Mapping[str, Observed], space: spaces.Dict) -> Descriptio
 
 
 def in_words(columns: tuple[Column, ...]) -> str:
-    """Columns with their units, each unit once for several in a row: "x, y, z (m), cos yaw, sin yaw".
+    """Returns text for columns, with each unit once per run: "x, y, z (m), cos yaw, sin yaw".
 
-    Of the many columns of a flat vector, how many belong to which array: "24 of agent_qpos_qvel, 9 of box_obs".
+    Many columns, as in a flat vector, are counted by array instead: "24 of agent_qpos_qvel, 9 of box_obs".
     """
     if len(columns) > MANY:
         counts = Counter(re.split(r"[\[ ]", column.name)[0] for column in columns)

@@ -1,4 +1,4 @@
-"""Environments: what each of them is, and `Base`, the one that is made of modules."""
+"""`Environment`, the interface of all environments, and `Base`, the one that is made of modules."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from maax_mjx.worldgen import WorldParams
 class Environment(ABC):
     """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely.
 
-    Subclasses implement `reset` and `transition`; `step` is the door that checks actions once.
+    Subclasses implement `reset` and `transition`; `step` checks the action once and calls `transition`.
 
     Attributes:
-        n_agents: how many slots for agents there are.
+        n_agents: number of slots for agents.
     """
 
     n_agents: int
@@ -62,19 +62,19 @@ class Environment(ABC):
 
         Args:
             key: a typed key; it determines the world.
-            params: ranges to draw from; None is `default_params`.
+            params: ranges to draw from; None uses `default_params`.
         """
 
     @abstractmethod
     def transition(self, state: State, action: Any) -> State:
-        """Advances a world by one env step: what subclasses implement, and `step` calls with a checked action.
+        """Advances a world by one env step. Subclasses implement it; `step` calls it with a checked action.
 
         A wrapper calls `self.env.advance(state, action)` for the step of what it wraps.
         """
 
     @abstractmethod
     def declared(self) -> dict[str, Observed]:
-        """What the observations are, as far as it is declared: `observed` without the masks that are found by name."""
+        """Returns the declarations of observations, without the masks that `observed` finds by name."""
 
     def step(self, state: State, action: Any) -> State:
         """Advances a world by one env step, `n_frames` physics steps.
@@ -84,30 +84,30 @@ class Environment(ABC):
             action: in `action_space`.
 
         Raises:
-            ValueError: an action of other names, shapes or kinds, or outside of traced code of values that it does not
-                take.
+            ValueError: an action whose names, shapes or dtypes differ from the space's; outside traced code also
+                values out of range.
         """
         check_action(self.action_space, action)
         return self.advance(state, action)
 
     def advance(self, state: State, action: Any) -> State:
-        """Steps without checks, under the name of this class, by which profiles tell layers apart."""
+        """Steps without checks, under this class's name, so that profiles can tell layers apart."""
         with jax.named_scope(type(self).__name__):
             return self.transition(state, action)
 
     @property
     def build(self) -> object:
-        """What stands for the composition that `from_model` properties belong to."""
+        """The token of the composition that `from_model` properties belong to."""
         return self.base.build
 
     @property
     def agent_names(self) -> tuple[str, ...]:
-        """The names of the agents by slot, such as "hider_0" and "seeker_1"."""
+        """The agents' names by slot, such as "hider_0" and "seeker_1"."""
         return agent_names(self.teams)
 
     @property
     def observed(self) -> dict[str, Observed]:
-        """What every declared observation is: its axes and columns, and who sees it."""
+        """The declarations of all observations: axes, columns and who sees them."""
         return resolved(self.declared())
 
     def describe(self) -> Description:
@@ -116,7 +116,7 @@ class Environment(ABC):
 
     @from_model
     def state_shape(self) -> State:
-        """A state of one world, with the shapes and types of its arrays instead of their values."""
+        """A state of one world whose leaves have shapes and dtypes instead of values."""
         return jax.eval_shape(self.reset, jax.random.key(0))
 
     @from_model
@@ -126,15 +126,15 @@ class Environment(ABC):
 
     @property
     def default_params(self) -> DomainParams:
-        """The ranges that the environment was constructed with."""
+        """The ranges that the environment was built with."""
         return self.base.default_params
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
-        """A uniform random action; traceable."""
+        """Draws a uniform random action; traceable."""
         return sample(self.action_space, key)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Environment:
-        """A copy of the whole chain with modules of its own, whose model is not built yet."""
+        """Copies the whole chain, with its own modules and a model that is not built yet."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
         for name, value in without_worked_out(vars(self)).items():
@@ -156,7 +156,7 @@ class Base(Composition, Environment):
     number of everything; every reset draws a new layout on the device.
 
     Args:
-        n_agents: how many agents its `Agents` module has.
+        n_agents: number of agents, as in its `Agents` module.
         n_frames: physics steps per env step.
         grid_size: cells per side of the placement grid.
         floor_size: edge of the floor in metres, or (low, high), drawn per world; the grid's cells grow with it.
@@ -168,7 +168,7 @@ class Base(Composition, Environment):
             entities. More cost time; too few are reported as `metrics["contact_overflow"]`. `c` has no such limit.
 
     Raises:
-        ValueError: an argument out of its range; the message names it.
+        ValueError: an argument out of its range.
         MissingLibraryError: an engine whose library is not installed; the message names the extra that brings it.
     """
 
@@ -205,7 +205,7 @@ class Base(Composition, Environment):
 
     @from_model
     def _draw_layout(self) -> Callable[[jax.Array, DomainParams], Layout]:
-        """Compiled even where a reset is called eagerly, which would otherwise compile its loop at every call."""
+        """The layout draw, compiled: called eagerly, its loop would otherwise be compiled at every reset."""
         return jax.jit(partial(draw_layout, self))
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
@@ -238,7 +238,7 @@ class Base(Composition, Environment):
         """Moves the agents.
 
         `action["move"]` (n_agents, 3) is the share of full force along the world's x and y and of full torque about
-        z. MuJoCo clamps controls to [-1, 1]. Under jit, where values cannot be looked at, NaN is a physics fault.
+        z. MuJoCo clamps controls to [-1, 1]. Under jit, where values cannot be checked, NaN becomes a physics fault.
         """
         engine = self.engine
         move = jnp.asarray(action["move"], state.data.ctrl.dtype)
@@ -267,7 +267,7 @@ class Base(Composition, Environment):
         )
 
     def _advance_physics(self, world: World, data: Data) -> tuple[World, Data, jax.Array]:
-        """All physics steps of an env step; the arena's limits follow every one, since boxes turn."""
+        """Runs the physics steps of one env step, and updates the arena's limits after each, since boxes turn."""
         if not self.is_limited or self.n_frames == 1:
             return world, *self.engine.advance(world.fields, data, self.n_frames)
 
@@ -281,7 +281,7 @@ class Base(Composition, Environment):
 
     def _fault(self, world: World, data: Data) -> jax.Array:
         entities = self.movables
-        # Of slides and free joints alike, the first three coordinates are the position itself.
+        # The first three coordinates are the position, for slides and for free joints.
         position = data.qpos[np.concatenate([m.qpos_ids[:, :3] for m in entities])]
         active = jnp.concatenate([world.active[m.kind] for m in entities])
         is_agent = np.concatenate([np.full(m.n_max, m is self.agents) for m in entities])
@@ -289,10 +289,10 @@ class Base(Composition, Environment):
 
 
 def check_environment(env: Any) -> Environment:
-    """An environment.
+    """Returns `env` if it is an environment.
 
     Raises:
-        ValueError: something else.
+        ValueError: `env` is not an environment.
     """
     if not isinstance(env, Environment):
         raise ValueError(f"env: got {described(env)}; takes an environment, as maax.make(...) gives it")

@@ -1,4 +1,4 @@
-"""Any world of any batch as an MJCF file that moves as the batch does."""
+"""Export of any world of any batch to an MJCF file that moves as in the batch."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from maax_mjx.physics import overlaid_model
 
 
 def world_of(state: State, world: int | None = None) -> State:
-    """One world of a batch, on the host; a state without a batch as it is.
+    """Returns one world of a batch, on the host; a state of a single world is returned as it is.
 
     Raises:
-        ValueError: a batch without `world`, or `world` out of range.
-        RuntimeError: states that were donated to a later step.
+        ValueError: a batch without `world`, or a `world` out of range.
+        RuntimeError: a state that was donated to a later step.
     """
     if not isinstance(state, State):
-        raise ValueError(f"state: got {type(state).__name__}; takes a state, as reset and step give it")
+        raise ValueError(f"state: got {type(state).__name__}; takes a State from reset or step")
     check_not_donated(state.step)
     shape = np.shape(state.step)
     if not shape:
@@ -44,15 +44,15 @@ def _take(state: State, at: tuple[int, ...]) -> State:
 
 
 def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
-    """Writes a world as an MJCF string, its current state as keyframe 0.
+    """Writes a world as an MJCF string, with its current state as keyframe 0.
 
     Numbers are written at full precision: plain MuJoCo, started from the keyframe, follows the `c` engine to rounding.
-    What a keyframe cannot hold is in custom numerics: `qacc_warmstart` and `xfrc_applied`.
+    Custom numerics hold what a keyframe cannot: `qacc_warmstart` and `xfrc_applied`.
 
     Args:
         env: the environment.
-        state: a state of it, of one world or of a batch.
-        world: which world of the batch.
+        state: a state of the environment, of one world or of a batch.
+        world: index of the world in the batch.
 
     Example:
         model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, world=3))
@@ -91,10 +91,10 @@ def _write_bodies(root: ET.Element, model: mujoco.MjModel) -> None:
         element.set("pos", _numbers(body.pos))
         if model.ngravcomp:
             element.set("gravcomp", _numbers(model.body_gravcomp[body.id : body.id + 1]))
-    # Those of bodies: an equality between joints is called so, too.
+    # Only joints of bodies: an element of an equality is called "joint", too.
     for element in _child(root, "worldbody").iter("joint"):
         joint = model.joint(element.get("name"))
-        # Of a joint of one degree of freedom alone: others have no range, and share what they have.
+        # Only joints of one degree of freedom: the others have no range, and share their damping.
         if len(joint.damping) == 1:
             element.set("damping", _numbers(joint.damping))
         if element.get("type") == "slide":
@@ -111,7 +111,7 @@ def _write_geoms(root: ET.Element, model: mujoco.MjModel, env: Environment) -> N
             body = geom.bodyid
             share = model.body_mass[body] / env.base.model.body_mass[body]
             element.set("mass", _numbers([env.base.spec.geom(geom.name).mass * share[0]]))
-        # A compiled mesh has a frame of its own, which the file does not.
+        # A compiled mesh has its own frame, which the file does not have.
         if element.get("mesh") is None:
             element.set("pos", _numbers(geom.pos))
             element.set("size", _numbers(geom.size))
@@ -133,7 +133,7 @@ def _write_equalities(root: ET.Element, model: mujoco.MjModel, active: Any) -> N
 
 
 def _connect_sites(root: ET.Element, connect: ET.Element, data: np.ndarray) -> None:
-    """Connects two sites instead of two bodies: of bodies, MuJoCo computes the second anchor where they begin."""
+    """Connects sites instead of bodies: for bodies, MuJoCo computes the second anchor at their initial pose."""
     del connect.attrib["anchor"]
     bodies = {body.get("name"): body for body in _child(root, "worldbody").iter("body")}
     for i, pos in ((1, data[:3]), (2, data[3:6])):

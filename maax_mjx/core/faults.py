@@ -1,4 +1,4 @@
-"""Physics faults: found, contained, counted."""
+"""Detection and containment of physics faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from maax_mjx.layout import RoomPlan
 from maax_mjx.physics.data import Data
 
 MARGIN = 0.3
+"""Metres by which an entity's centre may be outside of a closed arena, or below the floor."""
 AGENT_CEILING = 3.0
+"""Metres above the floor that an agent's centre may reach."""
 
 
 def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Array, is_agent: np.ndarray) -> jax.Array:
@@ -21,13 +23,13 @@ def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Arra
 
     Args:
         data: the state after a step.
-        plan: the world's room plan: how large its floor is, and whether it is closed.
-        position: (n, 3) of all entities, in metres.
-        active: (n,) bool, which of them are in play.
-        is_agent: (n,) bool, which of them are agents.
+        plan: the world's room plan, with its floor size and whether it is closed.
+        position: (n, 3) metres, of all entities.
+        active: (n,) bool, which entities are in play.
+        is_agent: (n,) bool, which entities are agents.
 
     Returns:
-        () bool.
+        () bool, true for a fault.
     """
     finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
     out = ((position[:, :2] < -MARGIN) | (position[:, :2] > plan.floor_size + MARGIN)).any(axis=1)
@@ -37,7 +39,7 @@ def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Arra
 
 
 def contain(fault: jax.Array, before: Data, after: Data) -> Data:
-    """`after`, or where there was a fault the state before the step, at rest. Poses are left to be computed."""
+    """Returns `after`, or after a fault the state before the step, at rest. Poses are computed later."""
     return after.replace(
         time=jnp.where(fault, before.time, after.time),
         qpos=jnp.where(fault, before.qpos, after.qpos),

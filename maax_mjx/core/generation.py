@@ -1,4 +1,4 @@
-"""How a world's layout is drawn: every module in turn, and again where something found no place."""
+"""Drawing a world's layout: every module in turn, and again where something found no place."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from maax_mjx.layout.redraw import redraw
 from maax_mjx.physics import model_fields
 
 LAYOUT_TRIES = 8
+"""Draws of a layout at most, per reset."""
 
 
 def draw_layout(env: Composition, key: jax.Array, params: DomainParams) -> Layout:
-    """Draws layouts until one holds everything that was drawn, a fixed number of times at most."""
+    """Draws layouts until one holds everything that was drawn, at most `LAYOUT_TRIES` times."""
     floor_size = env.floor_range.draw(key, params, 1)[0]
     in_bounds = params_in_bounds(params, env.parameters) if is_traced(params) else jnp.ones((), bool)
 

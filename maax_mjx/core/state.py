@@ -13,20 +13,21 @@ from maax_mjx.physics import Data
 
 
 class State(struct.PyTreeNode):
-    """Everything about one world at one time.
+    """The complete state of one world at one time.
 
     Attributes:
-        data: the physics.
-        world: in what this world differs from the compiled model, and its room plan.
-        params: the ranges that it was drawn from; in a batch whose ranges were changed, that the next will be.
+        data: the physics state.
+        world: the model fields in which this world differs from the compiled model, and its room plan.
+        params: the ranges it was drawn from; after a batch's ranges were changed, those of its next episode.
         obs: observations by name.
-        reward: (n_agents,) of the step that led here.
-        terminated: () bool, the episode ended by the game's rules.
-        truncated: () bool, it was cut off: the horizon, or a physics fault.
+        reward: (n_agents,) reward of the step that led here.
+        terminated: () bool, whether the episode ended by the game's rules.
+        truncated: () bool, whether it was cut off by the horizon or a physics fault.
         step: () int32, env steps since reset.
-        key: this world's random key.
-        metrics: of this step: "physics_fault", "layout_invalid", "contact_overflow", each () bool, and the wrappers'.
-        mechanics: each wrapper's own struct, by its name.
+        key: the world's random key.
+        metrics: numbers of this step: "physics_fault", "layout_invalid", "contact_overflow", each () bool,
+            and the wrappers'.
+        mechanics: each wrapper's own struct, by the wrapper's name.
     """
 
     data: Data
@@ -43,7 +44,7 @@ class State(struct.PyTreeNode):
 
     @property
     def done(self) -> jax.Array:
-        """() bool, terminated or truncated."""
+        """Whether the episode is terminated or truncated: () bool."""
         return self.terminated | self.truncated
 
 
@@ -51,5 +52,5 @@ FIELDS = tuple(State.__dataclass_fields__)
 
 
 def plain(state: State) -> State:
-    """What an environment itself knows, without what a subclass adds for a batch."""
+    """Returns the state without the fields that a subclass adds for a batch."""
     return State(**{name: getattr(state, name) for name in FIELDS})

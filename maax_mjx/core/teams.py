@@ -1,4 +1,4 @@
-"""Teams: their names, and whose slots are in them."""
+"""Teams: their names, their slots and their agents' names."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from maax_mjx.common.colours import Colour
 
 @dataclass(frozen=True)
 class Team:
-    """Agents that play together.
+    """A team of agents that play together.
 
     Attributes:
-        name: of the team, such as "hiders".
-        slots: the agents' slots, in order.
-        agents: the agents' names, such as ("hider_0", "hider_1").
-        colour: in pictures.
+        name: the team's name, such as "hiders".
+        slots: its agents' slots, in order.
+        agents: its agents' names, such as ("hider_0", "hider_1").
+        colour: its colour in pictures.
     """
 
     name: str
@@ -28,17 +28,17 @@ class Team:
 
     @property
     def n_agents(self) -> int:
-        """How many slots it has."""
+        """Number of the team's slots."""
         return len(self.slots)
 
 
 def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[Colour]) -> dict[str, Team]:
-    """Teams by name.
+    """Makes the teams, by name.
 
     Args:
-        names: of the teams.
-        team_index: (n_agents,) the team of every slot.
-        colours: RGBA of every slot; a team has that of its first agent.
+        names: the teams' names.
+        team_index: (n_agents,) team of every slot.
+        colours: RGBA of every slot; a team gets that of its first agent.
 
     Raises:
         ValueError: a name twice, or a team without agents.
@@ -56,11 +56,11 @@ def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[C
 
 
 def member_of(team: str) -> str:
-    """What one of a team is called: "hider" of "hiders", "red" of "red"."""
+    """Returns the word for one member of a team: "hider" for "hiders", "red" for "red"."""
     return team[:-1] if len(team) > 1 and team.endswith("s") and not team.endswith("ss") else team
 
 
 def agent_names(teams: Mapping[str, Team]) -> tuple[str, ...]:
-    """The names of all agents by slot."""
+    """Returns the names of all agents, by slot."""
     named = {slot: name for team in teams.values() for slot, name in zip(team.slots, team.agents, strict=True)}
     return tuple(named[slot] for slot in sorted(named))

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from flax import struct
 
 CELL_EPS = 1e-4
+"""Share of a cell that an extent may reach into the next one, by rounding."""
 
 JAMMING = 0.56
 """Share of an area that equal squares, placed at random one after the other, fill before none fits (Feder 1980)."""

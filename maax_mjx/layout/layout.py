@@ -62,7 +62,7 @@ class Layout(struct.PyTreeNode):
         )
 
     def seeds(self, key: jax.Array, n: int) -> jax.Array:
-        """(n, 3) uint32 for `place`: each object's own, however many there are, anew at every attempt."""
+        """(n, 3) uint32 for `place`: each object's own, however many there are, and new ones at every attempt."""
         seed = hashed(jax.random.bits(key, (3,), jnp.uint32), self.attempt)
         return hashed(seed, jnp.arange(n)[:, None])
 

@@ -18,6 +18,7 @@ from maax_mjx.layout.grid import apart, within
 from maax_mjx.layout.layout import Layout, PlacementFn
 
 ROUNDING = 1e-5
+"""Metres that distances may be off by in float32."""
 
 
 def requires_quadrant(fn: PlacementFn) -> PlacementFn:
@@ -27,13 +28,13 @@ def requires_quadrant(fn: PlacementFn) -> PlacementFn:
 
 
 def uniform_placement(layout: Layout, cells: jax.Array) -> jax.Array:
-    """Anywhere on the floor."""
+    """Allows any place on the floor."""
     return jnp.ones((layout.grid.size, layout.grid.size), bool)
 
 
 @requires_quadrant
 def quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
-    """Inside the quadrant; anywhere in a world without one, where a batch mixes scenarios."""
+    """Allows places inside the quadrant; any in a world without one, where a batch mixes scenarios."""
     return _or_anywhere(within(layout.grid.size, cells, layout.plan.quadrant), _has_quadrant(layout))
 
 
@@ -43,22 +44,24 @@ quad_placement.inside_quadrant = True  # type: ignore[attr-defined]
 
 @requires_quadrant
 def outside_quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
-    """Outside the quadrant, uniformly by area (OpenAI picks one of three rectangles around it instead).
+    """Allows places outside the quadrant, uniformly by area (OpenAI picks one of three rectangles around it instead).
 
-    Anywhere in a world without one.
+    Any place in a world without one.
     """
     return _or_anywhere(apart(layout.grid.size, cells, layout.plan.quadrant), _has_quadrant(layout))
 
 
 def centre_placement(layout: Layout, cells: jax.Array) -> jax.Array:
-    """In the middle of the floor, to the cell."""
+    """Allows the middle of the floor alone, to the cell."""
     middle = (layout.grid.size - cells) // 2
     rect = jnp.concatenate([middle, middle + cells])
     return within(layout.grid.size, cells, rect)
 
 
 def at_placement(x: float, y: float) -> PlacementFn:
-    """The object's middle at a point in metres, to the cell. There is no place where the object would leave the floor.
+    """A placement of the object's middle at a point in metres, to the cell.
+
+    There is no place where the object would leave the floor.
 
     Raises:
         ValueError: a coordinate that is not positive.
@@ -73,7 +76,7 @@ def at_placement(x: float, y: float) -> PlacementFn:
 
 
 def middle_placement(fraction: float) -> PlacementFn:
-    """In the central square whose edge is `fraction` of the floor's.
+    """A placement in the central square whose edge is `fraction` of the floor's.
 
     Raises:
         ValueError: a fraction outside (0, 1].
@@ -91,7 +94,7 @@ def middle_placement(fraction: float) -> PlacementFn:
 
 
 def separation_placement(radius: float) -> PlacementFn:
-    """At least `radius` metres from everything that was placed before, centre to centre (thesis 4.3.3).
+    """A placement at least `radius` metres from all that was placed before, centre to centre (thesis 4.3.3).
 
     Raises:
         ValueError: a radius that is not positive.
@@ -107,7 +110,7 @@ def separation_placement(radius: float) -> PlacementFn:
 
 
 def proximity_placement(radius: float, to: str) -> PlacementFn:
-    """At most `radius` metres from the object named `to`, such as "box0", centre to centre (thesis 4.3.3).
+    """A placement at most `radius` metres from the object named `to`, such as "box0", centre to centre (thesis 4.3.3).
 
     Anywhere where that object is not in play, or is placed later.
 
@@ -127,7 +130,7 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
 
 
 def room_placement(index: int) -> PlacementFn:
-    """Inside rectangular room `index` of the room plan; anywhere in a world that does not have it.
+    """A placement inside rectangular room `index` of the room plan; anywhere in a world that does not have it.
 
     Raises:
         ValueError: a negative index, or where it is used, one that no world of the environment has.
@@ -144,7 +147,7 @@ def room_placement(index: int) -> PlacementFn:
 
 
 def all_of(*fns: PlacementFn) -> PlacementFn:
-    """Where all of these allow it: the product of their weights.
+    """A placement where all of these allow it: the product of their weights.
 
     Raises:
         ValueError: no functions.
@@ -155,7 +158,7 @@ def all_of(*fns: PlacementFn) -> PlacementFn:
 
 
 def any_of(*fns: PlacementFn) -> PlacementFn:
-    """Where any of these allows it: the sum of their weights; of booleans, all that are true weigh alike.
+    """A placement where any of these allows it: the sum of their weights; of booleans, all that are true weigh alike.
 
     Raises:
         ValueError: no functions.

@@ -85,7 +85,7 @@ class RandomRooms:
 def random_rooms(
     key: jax.Array, grid_size: int, n_rooms: jax.Array, max_rooms: int, min_room_size: jax.Array | int
 ) -> Rooms:
-    """`n_rooms` rooms by splitting: one after the other, a wall goes from a wall to the next parallel one.
+    """Draws `n_rooms` rooms by splitting: one after the other, a wall goes from a wall to the next parallel one.
 
     OpenAI's rule: a wall is drawn uniformly and a place on it, then a side; the new wall must be more than
     `min_room_size` cells from the corners of the room that it splits. Ten such draws are made for each new wall.

@@ -1,4 +1,4 @@
-"""How many of a world's boxes or sites are elongated, and which way they lie (OpenAI's rule)."""
+"""Numbers and directions of the elongated boxes or sites of a world (OpenAI's rule)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from maax_mjx.common.keys import draw_integer, named_key
 from maax_mjx.common.params import DomainParams, Parameter
 
 LONG, THIN = 3.3, 0.3
-"""How much longer and thinner an elongated object is than a square one: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""
+"""Factors of an elongated object's length and width: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""
 
 
 class Elongated:

@@ -24,8 +24,8 @@ from maax_mjx.physics import Data, Overlay
 from maax_mjx.physics.overlay import BOX_FIELDS, set_boxes
 from maax_mjx.worldgen import Floor, Geom
 
-OUTER_HEIGHT = 4.0
-INNER_HEIGHT = 0.5
+OUTER_HEIGHT, INNER_HEIGHT = 4.0, 0.5
+"""Metres."""
 OUTER = ("walls", "limits", "none")
 WAY = 0.32
 """Metres that agents of 0.3 m pass."""

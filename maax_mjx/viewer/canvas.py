@@ -12,8 +12,7 @@ from maax_mjx.common.checks import check_choice, check_positive
 from maax_mjx.common.colours import Colour
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
-from maax_mjx.viewer import palette
-from maax_mjx.viewer.palette import blend
+from maax_mjx.viewer.palette import DARK, blend
 from maax_mjx.viewer.scene import UPRIGHT, Label, Line, Part, Shape, up
 from maax_mjx.viewer.subject import Subject
 
@@ -137,7 +136,7 @@ class Canvas:
         self._marked.lines.append(Line(self._named(name), role, points.reshape(-1, 2, 3), _rgba(colour), width))
 
     def label(
-        self, name: str, text: str, position: Any, colour: Sequence[float] = palette.DARK, *, role: str = "label"
+        self, name: str, text: str, position: Any, colour: Sequence[float] = DARK, *, role: str = "label"
     ) -> None:
         """Adds a short text at a place.
 
@@ -181,7 +180,7 @@ class Canvas:
 
     def dim(self, agent: int) -> None:
         """Darkens an agent, which cannot take part for now."""
-        self.tint(self.subject.agents.kind, agent, palette.DARK, DIMMED)
+        self.tint(self.subject.agents.kind, agent, DARK, DIMMED)
 
     def replace(
         self, part: str, kind: str, size: Sequence[float], position: Any, colour: Sequence[float], *,

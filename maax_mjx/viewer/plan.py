@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.viewer import palette
+from maax_mjx.viewer.palette import DARK, FLOOR
 from maax_mjx.viewer.scene import Frame, Label, Line, Part, furthest, grid_of
 from maax_mjx.viewer.stage import Stage
 
@@ -57,7 +57,7 @@ def draw_frame(ax: Axes, stage: Stage, frame: Frame, title: str = "") -> None:
     ax.set_ylim(0, edge)
     ax.set_xticks([])
     ax.set_yticks([])
-    ax.add_patch(Rectangle((0, 0), edge, edge, color=palette.FLOOR, zorder=0))
+    ax.add_patch(Rectangle((0, 0), edge, edge, color=FLOOR, zorder=0))
     # Eyes and numbers are too small for a plan, and a lock is drawn where its label is.
     for part in frame.parts:
         if part.role not in ("eye", "lock"):
@@ -119,7 +119,7 @@ def _draw_door(ax: Axes, stage: Stage, part: Part) -> None:
 def _draw_site(ax: Axes, stage: Stage, part: Part) -> None:
     (x, y, _), size, rgba = part.position, part.shape.size, part.shape.rgba
     if part.shape.kind != "box":
-        ax.add_patch(Circle((x, y), size[0], facecolor=rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=1.5))
+        ax.add_patch(Circle((x, y), size[0], facecolor=rgba, edgecolor=DARK, linewidth=0.6, zorder=1.5))
         return
     corner = (x - size[0], y - size[1])
     style: dict[str, Any] = dict(fill=False, edgecolor=rgba[:3], linestyle="--", zorder=1.5)
@@ -139,7 +139,7 @@ def _draw_solid(ax: Axes, stage: Stage, part: Part) -> None:
         return
     vertices = stage.meshes[part.shape.mesh][0] if part.shape.kind == "mesh" else None
     rim = part.position + furthest(part.shape, AROUND @ part.rotation, vertices) @ part.rotation.T
-    style = dict(facecolor=part.shape.rgba, edgecolor=palette.DARK, linewidth=0.6, zorder=3 + part.position[2])
+    style = dict(facecolor=part.shape.rgba, edgecolor=DARK, linewidth=0.6, zorder=3 + part.position[2])
     ax.add_patch(Polygon(rim[:, :2], **style))
 
 

@@ -14,11 +14,10 @@ import numpy as np
 from maax_mjx.common.checks import check_bool, check_count, check_path, check_positive
 from maax_mjx.core.env import Environment
 from maax_mjx.physics import MissingLibraryError
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.camera import FOVY, Camera, place_camera
 from maax_mjx.viewer.film import Picked, film, paced
-from maax_mjx.viewer.palette import as_bytes
+from maax_mjx.viewer.palette import DARK, FLOOR, GRID, as_bytes
 from maax_mjx.viewer.scene import Frame, Label, Line, Part, Shape, grid_lines, offsets, outline
 from maax_mjx.viewer.stage import Stage
 
@@ -206,7 +205,7 @@ class _Page:
         for label in frame.labels:
             self._show_label(world, label, offset, 0.17, "center-center")
         above = np.array([0.0, frame.floor_size, 0.55])
-        words = Label("words", "label", "\n".join(frame.text), above, palette.DARK)
+        words = Label("words", "label", "\n".join(frame.text), above, DARK)
         self._show_label(world, words, offset, 0.036 * frame.floor_size, "bottom-left")
 
     def _show_floor(self, world: str, edge: float, offset: np.ndarray) -> None:
@@ -214,7 +213,7 @@ class _Page:
         self._place(
             (world, "floor", edge),
             lambda name: self._scene.add_box(
-                name, color=as_bytes(palette.FLOOR), dimensions=(edge, edge, depth), cast_shadow=False
+                name, color=as_bytes(FLOOR), dimensions=(edge, edge, depth), cast_shadow=False
             ),
             np.array([half, half, -depth / 2]) + offset,
         )
@@ -223,7 +222,7 @@ class _Page:
             points = np.concatenate([ends, np.full((len(ends), 2, 1), 0.003)], axis=2).astype(np.float32)
             self._place(
                 (world, "grid", edge),
-                lambda name: self._scene.add_line_segments(name, points, as_bytes(palette.GRID), thickness=0.02),
+                lambda name: self._scene.add_line_segments(name, points, as_bytes(GRID), thickness=0.02),
                 offset,
             )
 

@@ -11,10 +11,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from maax_mjx.common.colours import Colour
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.camera import FOVY, place_camera
 from maax_mjx.viewer.gl import open_context
-from maax_mjx.viewer.palette import as_bytes
+from maax_mjx.viewer.palette import DARK, EYE, FLOOR, GRID, SKY, as_bytes, blend
 from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline, up
 from maax_mjx.viewer.stage import Stage
 
@@ -86,7 +85,7 @@ class Solid:
         self._context.make_current()
         self._scene.ngeom = 0
         self._aim()
-        ground = self._add(mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), up(-2 * FLOOR_DEPTH), UPRIGHT, palette.SKY)
+        ground = self._add(mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), up(-2 * FLOOR_DEPTH), UPRIGHT, SKY)
         ground.emission = 1.0
         for frame, offset in zip(frames, self._offsets, strict=True):
             self._add_world(frame, offset)
@@ -97,7 +96,7 @@ class Solid:
         mujoco.mjr_render(rect, self._scene, self._gl)
         mujoco.mjr_readPixels(image, depth, rect, self._gl)
         # Above the horizon, where MuJoCo leaves it black.
-        image[depth >= 1.0] = as_bytes(palette.SKY)
+        image[depth >= 1.0] = as_bytes(SKY)
         return self._written(np.flipud(image), frames)
 
     def _aim(self) -> None:
@@ -123,12 +122,12 @@ class Solid:
 
     def _add_world(self, frame: Frame, offset: np.ndarray) -> None:
         edge = frame.floor_size / 2
-        floor = Shape("box", (edge, edge, FLOOR_DEPTH / 2), palette.FLOOR)
+        floor = Shape("box", (edge, edge, FLOOR_DEPTH / 2), FLOOR)
         self._add_part(Part("floor", "floor", floor, np.array([edge, edge, -FLOOR_DEPTH / 2]), UPRIGHT), offset)
         for (x0, y0), (x1, y1) in grid_lines(frame.floor_size):
             half = ((x1 - x0) / 2 + GRID_WIDTH, (y1 - y0) / 2 + GRID_WIDTH, GRID_HEIGHT / 2)
             middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, GRID_HEIGHT / 2])
-            self._add_part(Part("grid", "floor", Shape("box", half, palette.GRID), middle, UPRIGHT), offset)
+            self._add_part(Part("grid", "floor", Shape("box", half, GRID), middle, UPRIGHT), offset)
         for part in frame.parts:
             self._add_part(part, offset)
         for line in frame.lines:
@@ -187,14 +186,14 @@ class Solid:
         for frame, offset in zip(frames, self._offsets, strict=True):
             for label in frame.labels:
                 at = tuple(self._camera.project(label.position[None] + offset, self._size)[0])
-                colour = as_bytes(palette.blend(label.rgba, palette.EYE, 0.25))
+                colour = as_bytes(blend(label.rgba, EYE, 0.25))
                 pen.text(at, label.text, fill=colour, font=small, anchor="mm", stroke_width=2, stroke_fill="white")
             corner = np.array([[0.0, frame.floor_size, 0.5]]) + offset
             x, y = self._camera.project(corner, self._size)[0] if len(frames) > 1 else (12.0, 8.0)
             anchor, align = ("ld", "left") if len(frames) > 1 else ("la", "left")
             text = "\n".join(frame.text)
             pen.multiline_text(
-                (x, y), text, fill=as_bytes(palette.DARK), font=large, anchor=anchor, align=align, spacing=3,
+                (x, y), text, fill=as_bytes(DARK), font=large, anchor=anchor, align=align, spacing=3,
                 stroke_width=2, stroke_fill="white",
             )  # fmt: skip
         return np.asarray(picture).copy()

@@ -12,9 +12,9 @@ from maax_mjx.common.colours import Colour
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas, Marked
 from maax_mjx.viewer.marks import draw_agents, draw_slopes, marks_for
+from maax_mjx.viewer.palette import DOOR, HIGH_WALL, WALL
 from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape
 from maax_mjx.viewer.subject import Subject
 
@@ -115,9 +115,9 @@ class Stage:
                 role, rgba = "agent" if geom == module.geom_ids[slot] else "hand", self.subject.colours[slot]
             rgba = marked.tinted(module.kind, slot, rgba)
         elif kind == "box":
-            role, rgba = "wall", palette.WALL
+            role, rgba = "wall", WALL
             if position[2] + size[2] > 2 * CUT:
-                role, rgba = "high_wall", palette.HIGH_WALL
+                role, rgba = "high_wall", HIGH_WALL
                 position, size = np.append(position[:2], CUT / 2), np.append(size[:2], CUT / 2)
         mesh = int(self.model.geom_dataid[geom]) if kind == "mesh" else -1
         shape = Shape(kind, tuple(round(s, 4) for s in size[:n_size].tolist()), rgba, mesh)
@@ -140,7 +140,7 @@ class Stage:
             x0, y0, x1, y1 = walls.T
             along_x = ((np.abs((y0 + y1) / 2 - y) < 1e-3) & (x1 - x0 > y1 - y0)).any()
             half = (width / 2, 0.05) if along_x else (0.05, width / 2)
-            shape = Shape("box", (*half, DOOR_HEIGHT / 2), palette.DOOR)
+            shape = Shape("box", (*half, DOOR_HEIGHT / 2), DOOR)
             parts.append(Part(f"door{i}", "door", shape, np.array([x, y, DOOR_HEIGHT / 2]), UPRIGHT))
         return parts
 

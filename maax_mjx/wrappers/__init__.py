@@ -1,4 +1,4 @@
-"""The game: what agents observe, what they may do, what they are rewarded for."""
+"""Wrappers: the rules of games, observations, actions and rewards."""
 
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag

@@ -1,4 +1,4 @@
-"""Other actions than forces."""
+"""Discrete actions in place of forces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from maax_mjx.wrappers.wrapper import ActionWrapper
 
 
 def to_bins(forces: Any, n_bins: int) -> Any:
-    """The nearest bins to forces in [-1, 1]: int32 of the same shape, of NumPy or JAX as they are."""
+    """Returns the nearest bins to forces in [-1, 1]: int32 of the same shape, in NumPy or JAX as given."""
     return ((forces + 1) / 2 * (n_bins - 1)).round().astype(np.int32)
 
 
@@ -24,11 +24,11 @@ class DiscretizeActions(ActionWrapper):
     """Takes `action["move"]` as bins (n_agents, 3) int: 0 is full force backwards, the last full force forwards.
 
     Bins are spread evenly over [-1, 1]; an odd number has rest in its middle. In compiled code, where values cannot be
-    looked at, bins beyond the last count as the last.
+    checked, bins beyond the last count as the last.
 
     Args:
-        env: what to wrap.
-        n_bins: how many, at least 2.
+        env: environment to wrap.
+        n_bins: number of bins, at least 2.
 
     Raises:
         ValueError: fewer than 2 bins.

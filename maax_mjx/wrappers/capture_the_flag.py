@@ -21,15 +21,16 @@ from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import Wrapper
 
 AT_BASE = -1
+"""Carrier of a flag that is at its base."""
 
 
 class FlagGame(struct.PyTreeNode):
-    """How the game stands.
+    """The state of the game.
 
     Attributes:
-        carrier: (2,) int32, who carries each team's flag; -1 while it is at its base.
-        out: (n_agents,) bool, who was tagged and has not been home since.
-        score: (2,) int32, how often each team brought the other's flag home.
+        carrier: (2,) int32, the agent that carries each team's flag; -1 while the flag is at its base.
+        out: (n_agents,) bool, whether an agent was tagged and has not been home since.
+        score: (2,) int32, captures of each team.
     """
 
     carrier: jax.Array
@@ -38,28 +39,28 @@ class FlagGame(struct.PyTreeNode):
 
 
 class CaptureTheFlag(Wrapper):
-    """Two teams, two flags: bring the other team's home, and keep yours.
+    """Capture the flag: two teams bring the other team's flag home and guard their own.
 
-    The floor has two halves, low y and high y; each team's is the one in which its flag has its base. After every
-    physics step, in this order:
+    The floor has two halves, low y and high y; a team's half is the one with its flag's base. After every env step, in
+    this order:
 
-    1. An agent that is touched in the other team's half, by a member of that team who is not out, is out. A flag that
-       it carries is back at its base at once.
-    2. Who is out and within `reach` of its own base is in again.
-    3. Of those within `reach` of the other team's flag at its base, who are in and carry nothing, the nearest takes it.
-    4. A flag that is carried to within `reach` of the carrier's own base, while that team's flag is there, is captured:
+    1. An agent in the other team's half is out when a member of that team who is not out touches it. A flag that it
+       carries is back at its base at once.
+    2. An agent that is out is in again within `reach` of its own base.
+    3. A flag at its base is taken by the nearest opponent within `reach` who is in and carries nothing.
+    4. A flag is captured when it is carried to within `reach` of the carrier's own base while its own flag is there:
        the carrier's team scores and gets +1 each, the other team -1 each; the flag is back at its base.
 
-    Who is out moves freely, but neither tags nor takes. A team that has scored `wins_at` times ends the episode.
+    Agents that are out move freely, but neither tag nor take. A team that has scored `wins_at` times ends the episode.
 
-    Adds `flag_pos` (2, 3), where the flags are now; `flag_base` (2, 3); `carries` and `is_out` (n_agents, 1); `score`
-    (2, 1); and to `metrics`, `score_0` and `score_1`.
+    Adds the observations `flag_pos` (2, 3), where the flags are now, in metres; `flag_base` (2, 3); `carries` and
+    `is_out` (n_agents, 1); `score` (2, 1); and the metrics `score_0` and `score_1`.
 
     Args:
-        env: what to wrap; it has `Flags`, one in each half, and teams 0 and 1.
+        env: environment to wrap, with `Flags`, one in each half, and teams 0 and 1.
         reach: metres from an agent's centre to a flag or base, seen from above.
         wins_at: captures that end the episode.
-        scale: what the reward is multiplied with.
+        scale: factor of the reward.
 
     Raises:
         ValueError: no flags, other than two teams, a missing wrapper, or a number out of its range.
@@ -115,7 +116,7 @@ class CaptureTheFlag(Wrapper):
 
         away = jnp.linalg.norm(xy - base[other], axis=1)
         can_take = playing & ~out & (away <= self.reach)
-        of_flag = can_take & (other == jnp.arange(2)[:, None])  # (2, n_agents): who can take which flag
+        of_flag = can_take & (other == jnp.arange(2)[:, None])  # (2, n_agents): which agents can take which flag
         nearest = jnp.where(of_flag, away, jnp.inf).argmin(axis=1).astype(jnp.int32)
         taken = of_flag.any(axis=1) & (carrier == AT_BASE) & there
         carrier = jnp.where(taken, nearest, carrier)

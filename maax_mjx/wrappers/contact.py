@@ -1,4 +1,4 @@
-"""Which agents touch."""
+"""Touches between agents."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TOUCH = DIAMETER + 1e-3
 class AgentAgentContactMask2D(StateWrapper):
     """Adds `contact_mask` (n_agents, n_agents) bool: which agents touch, seen from above (thesis 5.2.1).
 
-    Symmetric; nobody touches itself, and absent agents touch nobody.
+    The mask is symmetric and false on the diagonal; absent agents touch nobody.
 
     Args:
-        env: what to wrap.
-        distance: between centres in metres, up to which agents count as touching; None is touching discs.
+        env: environment to wrap.
+        distance: metres between centres up to which agents touch; None for touching discs.
 
     Raises:
         ValueError: a distance that is not positive.

@@ -1,4 +1,4 @@
-"""What a value function may see and no agent does."""
+"""Observations for a value function, which may see more than any agent."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from maax_mjx.wrappers.wrapper import ObservationWrapper, find
 
 
 class CriticObservations(ObservationWrapper):
-    """Adds what a critic needs besides the policies' arrays, whose masks of what is seen it does not heed.
+    """Adds observations for critics to those of the policies.
 
     A policy's view and a critic's are two maskings of the same arrays: a policy sees what its `seen` masks show, the
-    critic of all sees everything in play, and the critic of a team what any of the team sees. Adds, for critics alone:
+    critic of all sees everything in play, and the critic of a team what any of the team sees. Adds, for critics only:
 
-    - `time_left` (n_agents, 1): the share of the episode that is left, from 1 down to 0.
-    - `who_sees_whom` (n_agents, n_agents, n_agents): by observer, who sees (rows) whom (columns), both in the
-      observer's circulant order: itself, i - 1, i - 2, ...; with `LineOfSight`. A team's critic knows of its team's
-      rows alone.
-    - `team_sees_<kind>` (n_agents, n), of a team's critic: the masks of what any of one's team sees.
+    - `time_left` (n_agents, 1): share of the episode that is left, from 1 down to 0.
+    - `who_sees_whom` (n_agents, n_agents, n_agents), with `LineOfSight`: per observer, which agents (rows) see which
+      (columns), both in the observer's circulant order: itself, i - 1, i - 2, ... A team's critic knows only its team's
+      rows.
+    - `team_sees_<kind>` (n_agents, n), for a team's critic: masks of what any agent of the own team sees.
 
     Args:
-        env: what to wrap; its observations are split.
-        observe: "all" or "team": whose eyes the critic has.
+        env: environment to wrap, with split observations.
+        observe: "all" or "team": whose view the critic has.
 
     Raises:
         ValueError: observations that are not split; "team" without `TeamMembership` and `LineOfSight`.
@@ -48,9 +48,7 @@ class CriticObservations(ObservationWrapper):
         self._mates = np.ones((n, n), bool)
         if self.of == "team":
             if self._sight is None:
-                raise ValueError(
-                    "observe: got 'team' without LineOfSight, where nothing is hidden from anybody; takes 'all'"
-                )
+                raise ValueError("observe: got 'team' without LineOfSight, so that nothing is hidden; takes 'all'")
             team = self.inner(TeamMembership).team_index
             self._mates = team == team[:, None]
 

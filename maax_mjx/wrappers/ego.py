@@ -1,4 +1,4 @@
-"""The world as an agent sees it: relative to where it is and where it looks."""
+"""Observations in the agents' own frames."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from maax_mjx.wrappers.split import SplitObservations, declared_table
 from maax_mjx.wrappers.wrapper import ObservationWrapper, find
 
 CLIP = 5.0
-"""Scales beyond which numbers are cut off."""
+"""Scales at which numbers are clipped."""
 ABSOLUTE = ("floor x", "floor y", "cos heading", "sin heading")
-"""Columns that turn and shift with the world: an agent's own place and heading on the floor."""
+"""Columns that change when the world is turned and shifted: an agent's own place and heading on the floor."""
 DISTANCE = Column("distance", "m", 3.0)
 FLAT = {
     "x": ("y", "ahead", "to the left"),
@@ -28,17 +28,17 @@ FLAT = {
     "forward x": ("forward y", "forward ahead", "forward to the left"),
     "left x": ("left y", "left ahead", "left to the left"),
 }
-"""Of columns that are vectors on the floor: the second column, and what the two become."""
+"""Columns that are vectors on the floor: by the first column, the second one and the two that they become."""
 
 
 class Frames(NamedTuple):
-    """Where agents are and how they move: what others are relative to.
+    """The agents' frames.
 
     Attributes:
         position: (n_agents, 2) metres.
         velocity: (n_agents, 2) metres per second.
         heading: (n_agents,) radians, from the world's x.
-        floor_size: () metres.
+        floor_size: () metres, the edge of the floor.
     """
 
     position: jax.Array
@@ -48,18 +48,18 @@ class Frames(NamedTuple):
 
 
 class EgocentricObservations(ObservationWrapper):
-    """Observations in every agent's own frame, whose first axis points where it looks, in fixed scales.
+    """Gives every agent observations in its own frame, whose first axis points ahead, in fixed scales.
 
-    It goes by the names of columns: x and y become how far ahead and to the left something is, and its distance;
-    velocities are relative and turned alike; yaw, as an angle or as cos and sin, becomes cos and sin of the turn
-    relative to the agent. Of itself an agent knows its place as a share of the floor, its heading as cos and sin, and
-    its velocity in its own frame. Every column is divided by its scale and cut off at 5. Adds `time_left`
-    (n_agents, 1). What is not in play is zero; masks stay as they are.
+    Columns are recognised by name. x and y become how far ahead and to the left something is, and its distance;
+    velocities are relative to the agent's, in its frame; yaw, as an angle or as cos and sin, becomes cos and sin of the
+    turn relative to the agent. An agent's own columns are its place as a share of the floor, its heading as cos and
+    sin, and its velocity in its own frame. Every column is divided by its scale and clipped at 5. Adds `time_left`
+    (n_agents, 1). Entities that are not in play are zero; masks stay as they are.
 
-    If a whole world is turned and shifted, only `ABSOLUTE` columns change.
+    If a whole world is turned and shifted, only the `ABSOLUTE` columns change.
 
     Args:
-        env: what to wrap; its observations are split, and its `Lidar`, if any, is in the agents' frame.
+        env: environment to wrap, with split observations; its `Lidar`, if any, is in the agents' frame.
 
     Raises:
         ValueError: observations that are not split or not declared, or lidar in the world's frame.
@@ -99,13 +99,13 @@ class EgocentricObservations(ObservationWrapper):
         return table | {"time_left": Observed((AGENT,), flag("time left"))}
 
     def _is_own(self, name: str) -> bool:
-        """Whether an array is what agents know of themselves, of which others are seen too."""
+        """Whether an array holds what agents know of themselves, while another holds what they see of others."""
         return name.endswith("_self") and name.removesuffix("_self") in self._table
 
     def _frames(self, state: State) -> Frames:
         agents, data = self.base.agents, state.data
         yaw = data.qpos[agents.qpos_ids[:, 3]]
-        # At yaw 0 agents look along -y.
+        # At yaw 0 agents face -y.
         return Frames(
             position=data.qpos[agents.qpos_ids[:, :2]],
             velocity=data.qvel[agents.qvel_ids[:, :2]],
@@ -115,7 +115,7 @@ class EgocentricObservations(ObservationWrapper):
 
 
 def _renamed(one: Observed, *, own: bool) -> list[Column]:
-    """The columns that the columns of an array become."""
+    """Returns the columns that an array's columns become."""
     names = one.names()
     pairs = {first: pair for first, pair in FLAT.items() if first in names and pair[0] in names}
     seconds = {pair[0] for pair in pairs.values()}
@@ -134,7 +134,7 @@ def _renamed(one: Observed, *, own: bool) -> list[Column]:
 
 
 def _columns(x: jax.Array, one: Observed, frames: Frames, *, own: bool) -> list[tuple[Column, jax.Array]]:
-    """The columns of an array (n_agents, ..., n_columns) in the agents' frames, without scales."""
+    """Returns the columns of an array (n_agents, ..., n_columns) in the agents' frames, before scaling."""
     lead = (-1, *[1] * (x.ndim - 2))
     named = dict(zip(one.names(), jnp.moveaxis(x, -1, 0), strict=True))
     cos, sin = (f(frames.heading).reshape(lead) for f in (jnp.cos, jnp.sin))
@@ -164,12 +164,12 @@ def _columns(x: jax.Array, one: Observed, frames: Frames, *, own: bool) -> list[
 
 
 def _headings(columns: list[Column]) -> list[Column]:
-    """An agent's own turn is its heading on the floor."""
+    """Renames an agent's own turn to its heading on the floor."""
     names = {"cos turn": "cos heading", "sin turn": "sin heading"}
     return [replace(column, name=names.get(column.name, column.name)) for column in columns]
 
 
 def _in_scales(column: Column) -> Column:
-    """What a column is after it was divided by its scale."""
+    """Returns the column after division by its scale."""
     unit = f"{column.scale:g} {column.unit}".strip() if column.scale != 1 else column.unit
     return Column(column.name, unit)

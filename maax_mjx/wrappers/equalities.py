@@ -1,4 +1,4 @@
-"""Equality constraints that mechanics switch and aim: in data, while the model stays as it was compiled."""
+"""Equality constraints that mechanics switch and aim through data, without recompiling the model."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from maax_mjx.core.state import State
 from maax_mjx.physics import Overlay
 
 WIDTH = mujoco.mjNEQDATA
+"""Numbers of `eq_data` per equality."""
 
 
 def add_equality(
     spec: mujoco.MjSpec, name: str, kind: mujoco.mjtEq, first: str, second: str = "", ratio: float = 0.0
 ) -> None:
-    """Adds a stiff equality of two joints (the second may be left out) or two bodies, inactive until data sets it.
+    """Adds a stiff equality of one or two joints or of two bodies, inactive until data activates it.
 
     Args:
-        spec: what to add it to.
-        name: its name.
+        spec: spec to add it to.
+        name: name of the equality.
         kind: joint, connect or weld.
-        first, second: names of joints, or of bodies.
-        ratio: of joints.
+        first, second: names of joints or of bodies; a joint equality may leave out the second.
+        ratio: ratio of the first joint to the second.
     """
     of_joints = kind == mujoco.mjtEq.mjEQ_JOINT
     data = np.zeros(WIDTH)
@@ -39,31 +40,31 @@ def add_equality(
 
 
 def joint_data(offset: jax.Array, ratio: float) -> jax.Array:
-    """(n, `WIDTH`) of joint equalities with an offset (n,) and a ratio to the second joint."""
+    """Returns `eq_data` (n, `WIDTH`) of joint equalities with an offset (n,) and a ratio to the second joint."""
     columns = [offset, jnp.full_like(offset, ratio)]
     return jnp.pad(jnp.stack(columns, axis=1), ((0, 0), (0, WIDTH - 2)))
 
 
 def connect_data(point: jax.Array) -> jax.Array:
-    """(n, `WIDTH`) of connections of a point (n, 3) in the first body's frame to the origin of the second."""
+    """Returns `eq_data` (n, `WIDTH`) that connects points (n, 3) in first bodies' frames to second bodies' origins."""
     return jnp.pad(point, ((0, 0), (0, WIDTH - 3)))
 
 
 def weld_data(pose: jax.Array) -> jax.Array:
-    """(n, `WIDTH`) of welds that hold the second body at a pose (n, 7) in the first one's frame."""
+    """Returns `eq_data` (n, `WIDTH`) of welds that hold second bodies at poses (n, 7) in the first bodies' frames."""
     scale = jnp.ones((len(pose), 1))
     return jnp.pad(jnp.concatenate([pose, scale], axis=1), ((0, 0), (3, WIDTH - 11)))
 
 
 def set_equalities(state: State, overlay: Overlay, ids: np.ndarray, data: jax.Array, active: jax.Array) -> State:
-    """The state with some equalities set.
+    """Sets some equalities of a state.
 
     Args:
-        state: before a step.
-        overlay: the environment's.
-        ids: (n,) which.
+        state: a state before a step.
+        overlay: the environment's overlay.
+        ids: (n,) ids of the equalities.
         data: (n, `WIDTH`) their `eq_data`.
-        active: (n,) bool.
+        active: (n,) bool, whether they hold.
     """
     rows = np.searchsorted(overlay["eq_data"], ids)
     fields = state.world.fields | {"eq_data": with_rows(state.world.fields["eq_data"], rows, data)}

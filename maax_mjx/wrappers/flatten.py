@@ -1,4 +1,4 @@
-"""Observations without masks: what is not seen is zero; and one vector for every agent."""
+"""Observations with zeros in place of what is not seen, and as one vector per agent."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from maax_mjx.wrappers.wrapper import ObservationWrapper, find
 
 
 class MaskObservations(ObservationWrapper):
-    """Hides what an agent does not see: zeros instead, as for what is not in play.
+    """Replaces what an agent does not see by zeros, as for entities that are not in play.
 
-    For policies without attention, which can make no use of masks.
+    For policies without attention, which cannot use masks.
 
     Args:
-        env: what to wrap; its observations are split.
-        masks: by observation (n_agents, k, ...), the mask (n_agents, k) of what is shown, such as
-            `{"box_obs": "sees_box"}`; None takes the masks that are declared. Masks stay.
+        env: environment to wrap, with split observations.
+        masks: by the name of an observation (n_agents, k, ...), the name of its mask (n_agents, k), such as
+            `{"box_obs": "sees_box"}`; None uses the declared masks. The masks stay observed.
 
     Raises:
         ValueError: a name that is not observed, or shapes that do not fit.
@@ -50,18 +50,18 @@ class MaskObservations(ObservationWrapper):
 
 
 class FlattenObservations(ObservationWrapper):
-    """One vector for every agent: `obs` (n_agents, d), of all observations by name in order, flat, as float32.
+    """Concatenates all observations, sorted by name, into one vector per agent: `obs` (n_agents, d) float32.
 
-    What an agent does not see is zero in it, by the masks that are declared. With `CriticObservations` inside there is
-    `critic` (n_agents, d + k), too: the same numbers without these masks (of a team's critic: with the masks of what
-    any of the team sees), and then what is for critics alone.
+    What an agent does not see, by the declared masks, is zero. With `CriticObservations` inside it adds `critic`
+    (n_agents, d + k): the same numbers without these masks (for a team's critic: with the masks of what its team
+    sees), followed by the observations for critics only.
 
     Args:
-        env: what to wrap; its observations are split.
+        env: environment to wrap, with split observations.
 
     Raises:
-        ValueError: observations that are not split, that are not declared, or that were added outside of
-            `SplitObservations` without the agents' axis first.
+        ValueError: observations that are not split or not declared, or that were added outside of `SplitObservations`
+            and do not have the agents' axis first.
     """
 
     requires = (SplitObservations,)
@@ -98,7 +98,7 @@ class FlattenObservations(ObservationWrapper):
         return table
 
     def describe(self) -> Description:
-        """The table of the vectors, and beneath it that of the arrays that they are made of."""
+        """Makes the table of the vectors, followed by that of the arrays in them."""
         parts = (row._replace(name=f"  {row.name}") for row in self.env.describe())
         return Description((*super().describe(), *parts))
 
@@ -106,7 +106,7 @@ class FlattenObservations(ObservationWrapper):
         return [name for name, one in self._table.items() if one.critic]
 
     def _columns(self, names: list[str]) -> tuple[Column, ...]:
-        """The columns of the flat vector: "box_obs[0] x", "sees_box[1]", ..."""
+        """Returns the columns of the flat vector: "box_obs[0] x", "sees_box[1]", ..."""
         columns: list[Column] = []
         for name in names:
             own = self._table[name].columns
@@ -118,12 +118,12 @@ class FlattenObservations(ObservationWrapper):
 
 
 def _flat(obs: Mapping[str, jax.Array], names: list[str]) -> jax.Array:
-    """(n_agents, d) of some observations."""
+    """Concatenates some observations into (n_agents, d)."""
     return jnp.concatenate([obs[name].reshape(len(obs[name]), -1).astype(jnp.float32) for name in names], axis=1)
 
 
 def _seen_masks(table: Mapping[str, Observed]) -> dict[str, str]:
-    """By observation, the mask of what an agent sees of it."""
+    """Returns the `seen` mask of every observation that has one, by name."""
     return {name: one.seen for name, one in table.items() if one.seen and one.columns and not one.critic}
 
 

@@ -1,4 +1,4 @@
-"""What mechanics that handle objects share: observations by kind, names of actions."""
+"""Parts that the mechanics of locks and grabs share: observations by kind, names of actions."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from maax_mjx.modules import Entities
 
 
 def check_new_action(env: Environment, name: str) -> str:
-    """A name for an action that the environment does not have.
+    """Returns a name for an action that the environment does not have yet.
 
     Raises:
-        ValueError: no identifier, or one that is taken.
+        ValueError: a name that is no identifier, or is taken.
     """
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(f"action_name: got {name!r}; takes a name that is a Python identifier")
@@ -28,12 +28,12 @@ def check_new_action(env: Environment, name: str) -> str:
 
 
 def by_kind(modules: Sequence[Entities], columns: Sequence[jax.Array], what: str) -> dict[str, jax.Array]:
-    """Observations `<kind>_<what>` (n_agents, n, n_columns) of the objects of every module.
+    """Returns observations `<kind>_<what>` (n_agents, n, n_columns), one per module.
 
     Args:
-        modules: of the objects, in the order of the columns.
-        columns: (n_agents, n_objects) each, of all modules' objects together.
-        what: the end of the names.
+        modules: modules of the objects, in the order of the columns' second axis.
+        columns: columns (n_agents, n_objects) over all modules' objects.
+        what: the end of the observations' names.
     """
     stacked = jnp.stack([jnp.asarray(column, jnp.float32) for column in columns], axis=-1)
     parts = jnp.split(stacked, np.cumsum([m.n_max for m in modules])[:-1], axis=1)
@@ -41,5 +41,5 @@ def by_kind(modules: Sequence[Entities], columns: Sequence[jax.Array], what: str
 
 
 def declared_by_kind(modules: Sequence[Entities], what: str, columns: tuple[Column, ...]) -> dict[str, Observed]:
-    """What `by_kind` gives."""
+    """Returns the declarations of the observations of `by_kind`."""
     return {f"{m.kind}_{what}": Observed((AGENT, m.kind), columns) for m in modules if m.n_max}

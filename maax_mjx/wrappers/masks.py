@@ -1,4 +1,4 @@
-"""Actions that are not open to an agent now, and things that it does not see."""
+"""Masks of actions."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Mask = Callable[[State], jax.Array]
 
 
 class MaskActions(ActionWrapper):
-    """Nulls what a mask does not allow of one action (OpenAI's MaskActionWrapper).
+    """Zeroes the parts of one action that a mask does not allow (OpenAI's MaskActionWrapper).
 
     Args:
-        env: what to wrap.
-        action: its name.
-        mask: a function from the state before the step to (n_agents,) or (n_agents, k) bool, as many as the action
-            has; or names of what `LineOfSight` found after the step before, such as `("sees_box", "sees_ramp")`,
-            joined along the last axis.
+        env: environment to wrap.
+        action: name of the action.
+        mask: a function from the state before the step to (n_agents,) or (n_agents, k) bool, matching the action's
+            shape; or names of masks that `LineOfSight` found after the previous step, such as
+            `("sees_box", "sees_ramp")`, joined along the last axis.
 
     Raises:
         ValueError: an unknown action or name, or a mask of another shape than the action's.
@@ -47,7 +47,7 @@ class MaskActions(ActionWrapper):
             raise ValueError(f"mask: has shape {got}; takes {shape[:1]} or {shape}, as action {action!r}")
 
     def allowed(self, state: State) -> jax.Array:
-        """What of the action is left: (n_agents,) or (n_agents, k) bool."""
+        """Returns which parts of the action are allowed: (n_agents,) or (n_agents, k) bool."""
         return self.inner(LineOfSight).seen(state, self._names) if self._mask is None else self._mask(state)
 
     def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
@@ -61,12 +61,12 @@ class MaskActions(ActionWrapper):
 
 
 class MaskUnseenAction(ActionWrapper):
-    """Nulls one action of a team while any seeker saw any hider after the step before (OpenAI's MaskUnseenAction).
+    """Zeroes one action of a team while any seeker saw any hider after the previous step (OpenAI's MaskUnseenAction).
 
     Args:
-        env: what to wrap.
-        action: its name.
-        team: whose, of `TeamMembership`.
+        env: environment to wrap.
+        action: name of the action.
+        team: number of the team, as in `TeamMembership`.
 
     Raises:
         ValueError: an unknown action or team, or a missing wrapper.

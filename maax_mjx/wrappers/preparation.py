@@ -1,4 +1,4 @@
-"""The time in which hiders prepare."""
+"""The phase in which hiders prepare."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from maax_mjx.wrappers.wrapper import Wrapper, layers
 
 
 class PreparationPhase(Wrapper):
-    """For the first `ceil(prep_fraction * horizon)` steps seekers cannot act and nobody is rewarded (thesis 5.2.1).
+    """Stops seekers and rewards for the first `ceil(prep_fraction * horizon)` steps (thesis 5.2.1).
 
-    All actions of the seekers are nulled: movement and every other, whose first axis is the agents'. Adds
-    `prep_remaining` (n_agents, 1): the share of the phase that is left, from 1 down to 0.
+    All actions of the seekers are zeroed: movement and every other action, whose first axis is the agents'. Adds the
+    observation `prep_remaining` (n_agents, 1): share of the phase that is left, from 1 down to 0.
 
     Args:
-        env: what to wrap.
+        env: environment to wrap.
         prep_fraction: share of the episode, in [0, 1].
-        blind: whether seekers do not see either in the phase: what `LineOfSight` and `Lidar` tell them is zero.
+        blind: whether seekers are also blind in the phase: their `LineOfSight` and `Lidar` observations are zero.
 
     Attributes:
-        n_steps: how many steps the phase has.
-        seekers: (n_agents,) bool, who waits in it.
+        n_steps: number of steps in the phase.
+        seekers: (n_agents,) bool, which agents wait in it.
 
     Raises:
         ValueError: a fraction outside [0, 1]; `blind` without a sense inside, or whose observations were changed.
@@ -65,7 +65,7 @@ class PreparationPhase(Wrapper):
     def _check_senses(self) -> None:
         observed = self.env.observation_space.spaces
         if not self._senses:
-            raise ValueError("blind: got True, and no sense to take away; takes LineOfSight or Lidar inside")
+            raise ValueError("blind: got True without a sense inside; takes LineOfSight or Lidar inside")
         given = {key: sense.observation_space[key].shape for sense in self._senses for key in sense.senses}
         for key, was in given.items():
             if key not in observed:

@@ -1,4 +1,4 @@
-"""What agents can reach."""
+"""Distances from agents to objects, and which objects are within reach."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from maax_mjx.wrappers.wrapper import Wrapper
 
 
 class Reach:
-    """Which objects of some modules are within reach of whom.
+    """Which agents have which objects of some modules within reach.
 
     Args:
-        wrapper: whose mechanic this is for.
+        wrapper: wrapper of the mechanic.
         objects: names of the modules.
         radius: metres from an agent's centre to an object's surface.
-        in_vision_only: whether what the agent did not see after the step before is out of reach.
+        in_vision_only: whether objects that an agent did not see after the previous step are out of its reach.
 
     Attributes:
         modules: the modules.
-        n: how many objects they have.
+        n: number of their objects.
 
     Raises:
-        ValueError: an unknown module; vision without a `LineOfSight` that looks at them.
+        ValueError: an unknown module; vision without a `LineOfSight` that sees its objects.
     """
 
     def __init__(self, wrapper: Wrapper, objects: Sequence[str], radius: float, in_vision_only: bool):
@@ -39,7 +39,7 @@ class Reach:
         self.n = sum(module.n_max for module in self.modules)
         if not self.n:
             raise ValueError(
-                f"objects: got {list(objects)}, of which there are none; takes others, or leave the mechanic out"
+                f"objects: got {list(objects)}, which hold no objects; takes others, or leave the mechanic out"
             )
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None
@@ -49,7 +49,7 @@ class Reach:
             self._sight.check_sees(held)
 
     def __call__(self, state: State) -> tuple[jax.Array, jax.Array]:
-        """(n_agents, n) distances in metres, and bool: what is within reach, of whom and what is in play."""
+        """Returns (n_agents, n) distances in metres, and (n_agents, n) bool: within reach, with both in play."""
         distance = distance_to_objects(self._base.agents.body_ids, self.modules, state)
         present = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         near = (distance <= self._radius) & present & state.world.active[self._base.agents.kind][:, None]
@@ -59,9 +59,9 @@ class Reach:
 
 
 def distance_to_objects(bodies: np.ndarray, modules: Sequence[Entities], state: State) -> jax.Array:
-    """(n_bodies, n) metres from the centres of bodies to the surfaces of objects, as oriented boxes; 0 inside.
+    """Returns metres (n_bodies, n) from the centres of bodies to the surfaces of oriented boxes; 0 inside.
 
-    Ramps and cylinders are taken as their boxes, as OpenAI takes them.
+    Ramps and cylinders count as their boxes, as in OpenAI's code.
     """
     centres = jnp.concatenate([state.data.xpos[m.body_ids] for m in modules])
     quats = jnp.concatenate([state.data.xquat[m.body_ids] for m in modules])

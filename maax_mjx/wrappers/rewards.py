@@ -1,4 +1,4 @@
-"""Who is rewarded for what."""
+"""Rewards of hide and seek, and of staying within a rectangle."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class RestrictAgentsRect(RewardWrapper):
     """Gives agents outside a rectangle a penalty instead of their reward (OpenAI's RestrictAgentsRect).
 
     Args:
-        env: what to wrap.
-        rect: x0, y0, x1, y1 in metres; it may be larger than the floor, and must not be beside it.
-        penalty: what is taken, a positive number.
+        env: environment to wrap.
+        rect: x0, y0, x1, y1 in metres; it may be larger than the floor, but must overlap it.
+        penalty: the amount, a positive number.
         penalize_objects_out: whether every agent gets the penalty while a box or a ramp is outside.
 
     Raises:
-        ValueError: a rectangle without an inside or beside the floor, or a penalty that is not positive.
+        ValueError: a rectangle that is empty or beside the floor, or a penalty that is not positive.
     """
 
     name = "restrict_agents_rect"
@@ -50,7 +50,7 @@ class RestrictAgentsRect(RewardWrapper):
             raise ValueError(f"rect: got {rect!r}; takes x0, y0, x1, y1 in metres with x0 < x1 and y0 < y1")
         floor = self.base.floor_size
         if (corners[:2] >= floor).any() or (corners[2:] <= 0).any():
-            raise ValueError(f"rect: got {rect!r}; takes one that meets the floor, 0 to {floor:g} metres")
+            raise ValueError(f"rect: got {rect!r}; takes one that overlaps the floor, 0 to {floor:g} metres")
         self.rect, self.penalty = corners, check_positive("penalty", penalty)
         self.penalize_objects_out = check_bool("penalize_objects_out", penalize_objects_out)
 
@@ -69,17 +69,18 @@ class RestrictAgentsRect(RewardWrapper):
 
 
 class HideAndSeekReward(RewardWrapper):
-    """Adds +1 to hiders that no seeker has, else -1, and +1 to seekers that have a hider, else -1.
+    """Adds +1 for hiders that are not caught, else -1, and +1 for seekers that catch a hider, else -1.
 
-    The rule is that of Baker et al. (by vision: who sees, has) and of the thesis (5.2.2; by contact: who touches, has).
-    Absent agents neither get nor give anything. Of teams 0 and 1 of `TeamMembership`.
+    The rule is that of Baker et al. (by vision: a seeker catches the hiders it sees) and of the thesis (5.2.2; by
+    contact: those it touches). Absent agents neither get nor cause a reward. Hiders are team 0 of `TeamMembership`,
+    seekers team 1.
 
     Args:
-        env: what to wrap.
+        env: environment to wrap.
         rew_type: "selfish" (each its own), "team_mean" (the mean of its team), "team_zero_sum" (hiders the least of
             their team, seekers the most, so that one caught hider loses for all).
         by: "contact" or "vision".
-        scale: what the reward is multiplied with.
+        scale: factor of the reward.
 
     Raises:
         ValueError: an unknown type or `by`, a scale that is not positive, or a missing wrapper.
@@ -113,7 +114,7 @@ class HideAndSeekReward(RewardWrapper):
         return state.reward + self.scale * own
 
     def _mask(self, state: State) -> jax.Array:
-        """(n_agents, n_agents) bool: who has whom."""
+        """Returns (n_agents, n_agents) bool: which agents catch which."""
         if self.by == "contact":
             return state.mechanics[AgentAgentContactMask2D.name]
         return state.mechanics[LineOfSight.name]["sees_agent"]

@@ -1,4 +1,4 @@
-"""Observations chosen, joined, padded."""
+"""Wrappers that select, join and pad observations."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 
 class SelectObservations(ObservationWrapper):
-    """Keeps some observations.
+    """Keeps only some observations.
 
     Args:
-        env: what to wrap.
-        keys: their names.
+        env: environment to wrap.
+        keys: names of the observations to keep.
 
     Raises:
         ValueError: a name that is not observed.
@@ -39,11 +39,11 @@ class SelectObservations(ObservationWrapper):
 
 
 class ConcatenateObservations(ObservationWrapper):
-    """Joins observations along their last axis; the parts are left out.
+    """Joins observations along their last axis, in place of the parts.
 
     Args:
-        env: what to wrap.
-        joined: by the new name, the names of its parts, of equal shape but for the last axis.
+        env: environment to wrap.
+        joined: by new name, the names of its parts, whose shapes differ only in the last axis.
 
     Raises:
         ValueError: a name that is not observed, or parts that do not fit each other.
@@ -74,7 +74,7 @@ class ConcatenateObservations(ObservationWrapper):
         found = {name: one for name, one in table.items() if name not in used}
         for name, parts in self.joined.items():
             every = [table[part] for part in parts if part in table]
-            # Of parts that are about different things, or that only their owners see, nothing can be declared.
+            # Parts about different things, or that only their owners see, have no common declaration.
             if (
                 len(every) == len(parts)
                 and all(one.columns for one in every)
@@ -89,13 +89,13 @@ class SpoofEntities(ObservationWrapper):
     """Pads entities to a fixed number, so that one policy serves worlds of different sizes (Baker et al.).
 
     Args:
-        env: what to wrap; its observations are split.
-        total: how many entities there are to be.
-        keys: observations (n_agents, k, ...): padded with zeros to (n_agents, total, ...).
-        mask_keys: masks (n_agents, k): padded with False; `<name>_spoof` (n_agents, total) is False for padding.
+        env: environment to wrap, with split observations.
+        total: number of entities after padding.
+        keys: observations (n_agents, k, ...), padded with zeros to (n_agents, total, ...).
+        mask_keys: masks (n_agents, k), padded with False; adds `<name>_spoof` (n_agents, total), False for padding.
 
     Raises:
-        ValueError: a name that is not observed, or of more entities than `total`.
+        ValueError: a name that is not observed, or an observation of more entities than `total`.
     """
 
     def __init__(self, env: Environment, total: int, keys: Sequence[str], mask_keys: Sequence[str] = ()):
@@ -136,7 +136,7 @@ def check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:
     """Refuses names that are not observed.
 
     Raises:
-        ValueError: naming them.
+        ValueError: unknown names; the message lists them.
     """
     unknown = [name for name in names if name not in observed]
     if unknown:
@@ -148,7 +148,7 @@ def _about(one: Observed) -> tuple:
 
 
 def _distinct(columns: Sequence[tuple[str, Column]]) -> tuple[Column, ...]:
-    """Columns of several arrays, those of equal names with the array's before them."""
+    """Returns the columns of several arrays; columns of equal names get the array's name in front."""
     names = [column.name for _, column in columns]
     return tuple(
         replace(column, name=f"{part} {column.name}") if names.count(column.name) > 1 else column

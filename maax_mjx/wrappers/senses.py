@@ -1,4 +1,4 @@
-"""What agents see: who is in sight, and how far things are around them."""
+"""The agents' senses: line of sight and lidar."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper
 
 CONE = 3 * np.pi / 4
+"""Radians of the full cone of sight, 135 degrees."""
 FRAMES = ("world", "agent")
 
 
@@ -31,21 +32,21 @@ class _Senses(StateWrapper):
         return Rays(self.base.model, self.base.overlay)
 
     def _eyes(self, state: State) -> tuple[jax.Array, jax.Array]:
-        """(n_agents, 3) where agents look from, and (n_agents,) radians where to: yaw - pi / 2."""
+        """Returns (n_agents, 3) metres, the agents' eyes, and (n_agents,) radians, their headings: yaw - pi / 2."""
         agents = self.base.agents
         return state.data.xpos[agents.body_ids], state.data.qpos[agents.qpos_ids[:, 3]] - jnp.pi / 2
 
 
 class LineOfSight(_Senses):
-    """Adds `sees_agent` (n_agents, n_agents), `sees_box` (n_agents, n_boxes), ... bool: who is seen by whom.
+    """Adds `sees_agent` (n_agents, n_agents), `sees_box` (n_agents, n_boxes), ... bool: what every agent sees.
 
-    Seen is what is in the cone ahead, as seen from above, and the first thing that a ray from centre to centre meets
-    (Baker et al.). Agents see themselves; absent ones see nothing and are not seen.
+    An agent sees what is in the cone ahead of it, seen from above, and is the first thing that a ray from centre to
+    centre meets (Baker et al.). Agents see themselves; absent agents see nothing and are not seen.
 
     Args:
-        env: what to wrap.
-        cone: its full angle in radians; 135 degrees.
-        objects: names of the modules that can be seen, besides the agents.
+        env: environment to wrap.
+        cone: full angle of the cone in radians; 135 degrees by default.
+        objects: names of the modules that agents can see in addition to agents.
 
     Raises:
         ValueError: an angle that is not in (0, 2 pi], or an unknown module.
@@ -66,19 +67,19 @@ class LineOfSight(_Senses):
         return tuple(f"sees_{m.kind}" for m in self.modules)
 
     def seen(self, state: State, names: Sequence[str]) -> jax.Array:
-        """(n_agents, n) bool: some of its `senses`, joined, in a state that it has led to."""
+        """Returns some of its `senses` in a state after a step, joined: (n_agents, n) bool."""
         return jnp.concatenate([state.mechanics[self.name][name] for name in names], axis=1)
 
     def check_sees(self, modules: Sequence[Entities]) -> None:
-        """Refuses modules whose objects are not looked at.
+        """Refuses modules whose objects it does not look for.
 
         Raises:
-            ValueError: naming one.
+            ValueError: such a module; the message names it.
         """
         for module in modules:
             if module not in self.modules:
                 raise ValueError(
-                    f"in_vision_only: LineOfSight does not look at {module.name!r}; takes what it does, "
+                    f"in_vision_only: LineOfSight does not see {module.name!r}; takes what it sees, "
                     f"{[m.name for m in self.modules]}: LineOfSight(env, objects=[...])"
                 )
 
@@ -109,16 +110,16 @@ class LineOfSight(_Senses):
 
 
 class Lidar(_Senses, ObservationWrapper):
-    """Adds `lidar` (n_agents, n_rays, 1): distances in metres to the first thing around, at the height of the agent.
+    """Adds `lidar` (n_agents, n_rays, 1): distances in metres to the first thing along each ray, at the agent's height.
 
-    Rays spread evenly over the full circle. What is further than `range` is not seen, and reads `range`.
+    Rays are spread evenly over the full circle. Where there is nothing within `range`, a ray reads `range`.
 
     Args:
-        env: what to wrap.
-        n_rays: how many per agent.
-        range: metres.
+        env: environment to wrap.
+        n_rays: number of rays per agent.
+        range: greatest distance in metres.
         frame: "world": the first ray points along x, whatever the agent's heading (OpenAI's); "agent": it points ahead.
-        compress: a scale in metres, or None: distances are given as `scale * tanh(distance / scale)`.
+        compress: a scale in metres, or None: gives distances as `scale * tanh(distance / scale)`.
 
     Raises:
         ValueError: fewer than one ray, an unknown frame, a range or a scale that is not positive.
@@ -145,7 +146,7 @@ class Lidar(_Senses, ObservationWrapper):
         return ("lidar",)
 
     def rays(self, state: State) -> tuple[jax.Array, jax.Array]:
-        """(n_agents, n_rays, 3) directions in the world's frame, and (n_agents, n_rays) metres, at most `range`."""
+        """Returns world-frame directions (n_agents, n_rays, 3), and metres (n_agents, n_rays), at most `range`."""
         eyes, heading = self._eyes(state)
         angle = jnp.arange(self.n_rays) * (2 * jnp.pi / self.n_rays)
         angle = angle + heading[:, None] * (self.frame == "agent")

@@ -1,4 +1,4 @@
-"""Observations for every agent: what it knows of itself, of others, of objects."""
+"""Observations per agent: of itself, of others, of objects."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from maax_mjx.core.state import State
 from maax_mjx.wrappers.wrapper import ObservationWrapper, layers
 
 OTHER = "other"
-"""The axis of the other agents."""
+"""Name of the axis of the other agents."""
 
 
 class SplitObservations(ObservationWrapper):
-    """Gives every agent observations of its own: every array's first axis becomes the agents' (Baker et al.).
+    """Gives every agent its own observations: the first axis of every array becomes the agents' (Baker et al.).
 
-    It goes by what is declared (`env.observed`):
+    The declarations (`env.observed`) decide:
 
-    - what agents know of themselves and see of each other becomes `<name>_self` (n_agents, ...) and `<name>`
-      (n_agents, n_agents - 1, ...); the others stand in circulant order: i - 1, i - 2, ... modulo n_agents.
-    - what is private stays, (n_agents, ...), for its agent alone; matrices of agents by agents lose oneself.
-    - what all share is repeated for each, (n_agents, ...).
-    - all columns about one kind of object stand in `<kind>_obs` (n_agents, n, ...): where it is, and what mechanics
+    - What agents know of themselves and see of each other becomes `<name>_self` (n_agents, ...) and `<name>`
+      (n_agents, n_agents - 1, ...); the others are in circulant order: i - 1, i - 2, ... modulo n_agents.
+    - Private arrays stay (n_agents, ...), each row for its agent alone; matrices of agents by agents lose the diagonal.
+    - Shared arrays are repeated for each agent, (n_agents, ...).
+    - All columns about one kind of object are joined in `<kind>_obs` (n_agents, n, ...): its pose, and what mechanics
       add, such as locks and holds.
-    - what says nothing new (`derived`) is left out.
+    - Arrays that repeat other information (`derived`) are left out.
 
     Args:
-        env: what to wrap.
+        env: environment to wrap.
 
     Raises:
-        ValueError: an observation that is not declared, or that has another shape than was declared.
+        ValueError: an observation that is not declared, or whose shape differs from its declaration.
     """
 
     name = "split_observations"
@@ -81,14 +81,14 @@ class SplitObservations(ObservationWrapper):
 
 
 def declared_table(env: Environment, who: str) -> dict[str, Observed]:
-    """What an environment observes, all of it declared and of the declared shapes.
+    """Returns the declarations of an environment's observations, after checking that all are declared and fit.
 
     Args:
         env: the environment.
-        who: needs it, for the messages.
+        who: class that needs them, for messages.
 
     Raises:
-        ValueError: naming what is not declared, where it comes from, and the line that declares it.
+        ValueError: an undeclared observation; the message has its name, its source and the line that declares it.
     """
     table, space = env.observed, env.observation_space.spaces
     shapes = {name: sub.shape or () for name, sub in space.items()}
@@ -105,7 +105,7 @@ def declared_table(env: Environment, who: str) -> dict[str, Observed]:
 
 
 def _origin(env: Environment, name: str) -> tuple[str, str]:
-    """The class that observes something, and what its `declared` begins with."""
+    """Returns the class that adds an observation, and what its `declared` begins with."""
     inner = [layer for layer in layers(env) if name in layer.observation_space.spaces]
     if inner and name not in env.base.observation_space.spaces:
         return type(inner[-1]).__name__, "self.env.declared() | "
@@ -117,7 +117,7 @@ def _origin(env: Environment, name: str) -> tuple[str, str]:
 
 
 def _joined(table: Mapping[str, Observed]) -> dict[str, list[str]]:
-    """Of every kind of object that has `<kind>_obs`, the names of all arrays of columns about it."""
+    """Returns, for every kind of object that has `<kind>_obs`, the names of all arrays of columns about it."""
     joined: dict[str, list[str]] = {}
     for name, one in table.items():
         own = one.axes[1:] if one.axes[:1] == (AGENT,) else one.axes

@@ -1,4 +1,4 @@
-"""What happened in an episode, in numbers."""
+"""Statistics of an episode."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from maax_mjx.wrappers.wrapper import StateWrapper, find, find_all
 
 
 class Stats(struct.PyTreeNode):
-    """What the numbers are made from.
+    """The memory from which statistics are computed.
 
     Attributes:
-        start: (n, 2) where all movable things began, in metres.
-        before: (n, 2) where they were after the step before.
-        touching: (n_agents, n_agents) bool, who touched whom then.
-        totals: the metrics that add up or hold: by name.
+        start: (n, 2) metres, initial positions of all movable things.
+        before: (n, 2) metres, their positions after the previous step.
+        touching: (n_agents, n_agents) bool, which agents touched after the previous step.
+        totals: metrics that accumulate over the episode, by name.
     """
 
     start: jax.Array
@@ -35,19 +35,19 @@ class Stats(struct.PyTreeNode):
 
 
 class TrackStats(StateWrapper):
-    """Adds to `state.metrics` what happened in the episode so far (OpenAI's TrackStatWrapper, and more).
+    """Adds statistics of the episode so far to `state.metrics` (OpenAI's TrackStatWrapper, and more).
 
-    - `max_box_move`, `max_ramp_move`, ...: how far the one that is furthest from where it began is, in metres.
-    - `boxes_locked`, `ramps_locked`, ...: how many are locked; with `LockObjects` inside.
-    - `distance_run` (n_agents,): the way that every agent went, in metres.
-    - `catches`: how often a seeker came to touch a hider, after preparation; with `AgentAgentContactMask2D` and
+    - `max_box_move`, `max_ramp_move`, ...: metres from its start of the box, ramp, ... that moved furthest.
+    - `boxes_locked`, `ramps_locked`, ...: number of locked ones; with `LockObjects` inside.
+    - `distance_run` (n_agents,): metres that every agent has travelled.
+    - `catches`: times that a seeker began to touch a hider after preparation; with `AgentAgentContactMask2D` and
       `TeamMembership` inside.
 
-    With `PreparationPhase` inside, those of boxes, ramps and so on are there as `<name>_prep` too, as they were at its
-    last step, and zero before.
+    With `PreparationPhase` inside, the statistics of objects are also there as `<name>_prep`, at their values after the
+    phase's last step, and zero before.
 
     Args:
-        env: what to wrap.
+        env: environment to wrap.
     """
 
     name = "stats"
@@ -97,7 +97,7 @@ class TrackStats(StateWrapper):
         return self.remember(state, stats).replace(metrics=state.metrics | stats.totals | things)
 
     def _things(self, state: State, start: jax.Array, here: jax.Array) -> dict[str, jax.Array]:
-        """How far objects are from where they began, and how many are locked."""
+        """Returns how far objects are from their starts, and how many are locked."""
         numbers: dict[str, jax.Array] = {}
         away = jnp.linalg.norm(here - start, axis=1)
         for module in self._modules:

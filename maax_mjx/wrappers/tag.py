@@ -21,13 +21,13 @@ from maax_mjx.wrappers.wrapper import Wrapper
 
 
 class Tagged(struct.PyTreeNode):
-    """Who is it.
+    """The state of the game.
 
     Attributes:
-        it: () int32, who.
-        safe: () int32, who was it before; -1 for nobody.
-        safe_for: () int32, for how many more steps that one cannot be tagged.
-        tags: () int32, how often somebody was tagged in this episode.
+        it: () int32, the agent that is it.
+        safe: () int32, the agent that was it before; -1 for nobody.
+        safe_for: () int32, steps for which that agent still cannot be tagged.
+        tags: () int32, number of tags in this episode.
     """
 
     it: jax.Array
@@ -37,16 +37,16 @@ class Tagged(struct.PyTreeNode):
 
 
 class Tag(Wrapper):
-    """One agent is it, and passes that on by touching another.
+    """Tag: one agent is it, and passes that on by touching another.
 
-    Who is it at first is drawn; of several that are touched at once, one is drawn. Who was it before cannot be tagged
-    back for `immunity` steps. At every step whoever is it then loses 1, which the others share. Adds `is_it`
-    (n_agents, 1), and `metrics["tags"]`.
+    The first agent that is it is drawn; if several are touched at once, one of them is drawn. The agent that was it
+    before cannot be tagged back for `immunity` steps. At every step the agent that is it then loses 1, which the others
+    share. Adds the observation `is_it` (n_agents, 1) and `metrics["tags"]`.
 
     Args:
-        env: what to wrap.
+        env: environment to wrap.
         immunity: steps.
-        scale: what the reward is multiplied with.
+        scale: factor of the reward.
 
     Raises:
         ValueError: a negative immunity, a scale that is not positive, or no `AgentAgentContactMask2D` inside.

@@ -1,4 +1,4 @@
-"""Teams as agents know them."""
+"""Team membership as an observation."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from maax_mjx.core.teams import Team, make_teams
 from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 HIDERS, SEEKERS = 0, 1
-"""Numbers of teams in hide and seek: the first team hides, the second seeks."""
+"""Numbers of the teams in hide and seek."""
 
 
 class TeamMembership(ObservationWrapper):
     """Gives every agent a team (thesis 5.2.1). In games of hiding, the first team hides and the second seeks.
 
-    Adds `agent_team` (n_agents, 1): its number; and `team_size` (n_agents, 1): how many of this world's agents are in
-    it. Both are 0 for absent agents.
+    Adds the observations `agent_team` (n_agents, 1), the team's number, and `team_size` (n_agents, 1), how many of this
+    world's agents are in the team. Both are 0 for absent agents.
 
     Args:
-        env: what to wrap.
-        team_index: the team of every agent slot; None takes the teams that `Agents` was given.
-        names: of the teams; None takes those of `Agents` where the teams are the same, else "team_0", "team_1", ...
+        env: environment to wrap.
+        team_index: team of every agent slot; None uses the teams of `Agents`.
+        names: names of the teams; None uses those of `Agents` if the teams are the same, else "team_0", "team_1", ...
 
     Attributes:
         team_index: (n_agents,) int.
-        n_teams: how many teams there are.
+        n_teams: number of teams.
 
     Raises:
         ValueError: not one whole number of at least 0 per agent, a team that is empty or named twice, or another number
@@ -66,7 +66,7 @@ class TeamMembership(ObservationWrapper):
         return self._teams
 
     def of(self, team: int) -> np.ndarray:
-        """The slots of a team: (n_agents,) bool."""
+        """Returns which slots are in a team: (n_agents,) bool."""
         return self.team_index == team
 
     def observation(self, state: State) -> dict[str, jax.Array]:

@@ -1,4 +1,4 @@
-"""The kinds of wrappers. The semantics are Gymnasium's, on the state after the step."""
+"""The base classes of wrappers, with Gymnasium's semantics, on the state after the step."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ W = TypeVar("W", bound="Wrapper")
 
 
 class Wrapper(Environment):
-    """An environment around another. Subclass one of its kinds, or this for all of `reset` and `transition`.
+    """An environment around another. Subclass one of its kinds, or this class to override `reset` and `transition`.
 
-    Wrapping leaves the environment that was given as it is: a wrapper that needs modules adds them to a copy of it.
+    Wrapping does not change the given environment: a wrapper that needs modules adds them to a copy.
 
-    Wrappers are pure: what a wrapper remembers of a world it keeps in `state.mechanics[self.name]`, a pytree of its
-    own, and what it needs of others it reads from `state.data`, `state.world` and `state.mechanics`, never from
-    observations, which a wrapper in between may have changed.
+    Wrappers are pure: a wrapper keeps its memory of a world in `state.mechanics[self.name]`, a pytree of its own. It
+    reads everything else from `state.data`, `state.world` and `state.mechanics`, never from observations, which a
+    wrapper in between may have changed.
 
     Args:
-        env: what to wrap.
+        env: environment to wrap.
 
     Raises:
-        ValueError: not an environment; `env` lacks a wrapper that this one requires, or has one that must be outside
-            it, or has one of this name already; or a class that overrides `step` instead of `transition`.
+        ValueError: `env` is not an environment, lacks a wrapper that this one requires, has one that must be outside
+            this one or has its name; or a class overrides `step` instead of `transition`.
     """
 
     name: str = ""
     requires: ClassVar[tuple[type[Wrapper], ...]] = ()
     """Wrappers that must be inside this one."""
     precedes: ClassVar[tuple[type[Wrapper], ...]] = ()
-    """Wrappers that must be outside this one, where there are any."""
+    """Wrappers that must be outside this one, if present."""
     follows: ClassVar[tuple[type[Wrapper], ...]] = ()
-    """Wrappers that must be inside this one, where there are any: `precedes`, said from the other side."""
+    """Wrappers that must be inside this one, if present: `precedes`, from the other side."""
 
     def __init__(self, env: Environment):
         self.env = check_environment(env)
@@ -50,7 +50,7 @@ class Wrapper(Environment):
                 other = type(layer).__name__
                 raise ValueError(
                     f"step: {other} overrides it; takes `transition(state, action)` instead, which `step` calls with a "
-                    "checked action: in it, self.env.advance(state, action) is the step of what is wrapped"
+                    "checked action; in it, self.env.advance(state, action) is the step of the wrapped environment"
                 )
         for kind in self.requires:
             self.inner(kind)
@@ -86,14 +86,14 @@ class Wrapper(Environment):
         return self.env.teams
 
     def declared(self) -> dict[str, Observed]:
-        """What the observations are; a wrapper that adds some returns `self.env.declared() | {name: Observed(...)}`."""
+        """Returns all declarations; a wrapper that adds some returns `self.env.declared() | {name: Observed(...)}`."""
         return self.env.declared()
 
     def inner(self, kind: type[W]) -> W:
-        """The wrapper of a kind inside this one.
+        """Returns the wrapper of a kind inside this one.
 
         Raises:
-            ValueError: there is none.
+            ValueError: no such wrapper.
         """
         found = find(self.env, kind)
         if found is None:
@@ -102,29 +102,29 @@ class Wrapper(Environment):
         return found
 
     def remember(self, state: State, memory: Any) -> State:
-        """The state with what this wrapper keeps of it."""
+        """Returns the state with this wrapper's memory replaced."""
         return state.replace(mechanics=state.mechanics | {self.name: memory})
 
     def playing(self, state: State) -> jax.Array:
-        """The agents in play: (n_agents,) bool."""
+        """Returns which agents are in play: (n_agents,) bool."""
         return state.world.active[self.base.agents.kind]
 
     @property
     def senses(self) -> tuple[str, ...]:
-        """The observations, (n_agents, ...) each, by which agents sense: what `blind` takes away."""
+        """Names of observations (n_agents, ...) that are senses, which `blind` zeroes."""
         return ()
 
     def blind(self, state: State, who: jax.Array) -> State:
-        """The state in which agents `who` (n_agents,) bool sense nothing through this wrapper."""
+        """Zeroes what the agents in `who` (n_agents,) bool sense through this wrapper."""
         kept = {key: state.obs[key] for key in self.senses}
         return state.replace(obs=state.obs | null_rows(kept, who))
 
 
 class ActionWrapper(Wrapper):
-    """Changes actions before the step: implement `action`, and `action_space` if it takes others."""
+    """Changes actions before the step: implement `action`, and `action_space` if it differs."""
 
     def action(self, state: State, action: Any) -> Any:
-        """What the inner environment gets, from the state before the step and what this one got."""
+        """Returns the inner environment's action, from the state before the step and this wrapper's action."""
         raise NotImplementedError
 
     def transition(self, state: State, action: Any) -> State:
@@ -132,10 +132,10 @@ class ActionWrapper(Wrapper):
 
 
 class StateWrapper(Wrapper):
-    """Adds to the states that resets and steps lead to: implement `observe`."""
+    """Adds to the states after resets and steps: implement `observe`."""
 
     def observe(self, state: State) -> State:
-        """The state with what this wrapper adds to it: observations, memory, metrics."""
+        """Returns the state with what this wrapper adds: observations, memory, metrics."""
         raise NotImplementedError
 
     def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
@@ -146,10 +146,10 @@ class StateWrapper(Wrapper):
 
 
 class ObservationWrapper(StateWrapper):
-    """Changes observations: implement `observation`, and `declared` for what it adds. The space follows."""
+    """Changes observations: implement `observation`, and `declared` for added ones. The space follows."""
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        """The observations of the state that a reset or a step led to, whose `obs` are the inner environment's."""
+        """Returns the observations of a state after a reset or step, whose `obs` are the inner environment's."""
         raise NotImplementedError
 
     def observe(self, state: State) -> State:
@@ -160,7 +160,7 @@ class RewardWrapper(Wrapper):
     """Changes rewards: implement `reward`."""
 
     def reward(self, state: State) -> jax.Array:
-        """(n_agents,) from the state that the step led to, whose `reward` is the inner environment's."""
+        """Returns (n_agents,) rewards of a state after a step, whose `reward` is the inner environment's."""
         raise NotImplementedError
 
     def transition(self, state: State, action: Any) -> State:
@@ -169,7 +169,7 @@ class RewardWrapper(Wrapper):
 
 
 def layers(env: Environment) -> list[Wrapper]:
-    """The wrappers of an environment, the outermost first."""
+    """Returns the wrappers of an environment, the outermost first."""
     found = []
     while isinstance(env, Wrapper):
         found.append(env)
@@ -178,10 +178,10 @@ def layers(env: Environment) -> list[Wrapper]:
 
 
 def find(env: Environment, kind: type[W]) -> W | None:
-    """The outermost wrapper of a kind, if there is one."""
+    """Returns the outermost wrapper of a kind, or None."""
     return next(iter(find_all(env, kind)), None)
 
 
 def find_all(env: Environment, kind: type[W]) -> list[W]:
-    """All wrappers of a kind, the outermost first."""
+    """Returns all wrappers of a kind, the outermost first."""
     return [layer for layer in layers(env) if isinstance(layer, kind)]

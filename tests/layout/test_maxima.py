@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.modules import StaticCylinders
@@ -117,7 +118,7 @@ def things(env, states):
 @pytest.fixture(scope="module")
 def drawn():
     few, many = build(0), build(1)
-    keys = jax.random.split(jax.random.key(0), N)
+    keys = jax.random.split(seeds.key(0), N)
     params = many.default_params.replace(**few.default_params)
     return [
         things(env, jax.device_get(jax.jit(jax.vmap(env.reset, (0, None)))(keys, p)))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import seeds
 from scipy import ndimage
 
 import maax_mjx as maax
@@ -74,7 +75,7 @@ def base(scenario, *modules, agents=None, **options):
 
 
 def drawn(env):
-    return jax.device_get(jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(0), N)))
+    return jax.device_get(jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N)))
 
 
 def solid(rects):
@@ -170,7 +171,7 @@ def test_scenarios_that_are_refused(change, message):
 def test_what_a_draw_returns_is_checked(draw, message):
     register_scenario("wrong", draw, n_walls=4, n_rooms=4)
     with pytest.raises(ValueError, match=message):
-        base("wrong").reset(jax.random.key(0))
+        base("wrong").reset(seeds.key(0))
 
 
 def test_doors_wider_than_a_registered_wall():

@@ -400,13 +400,13 @@ def test_static_cylinders_stand_fast(batch_step):
 
     An agent meets them at 9 m/s, of which one step is 45 mm, and another may push from behind.
     """
-    cylinders = maax.Cylinders((1, 2), (0.3, 0.9), (0.2, 0.6), static=True, friction=(0.2, 1.0))
+    cylinders = maax.StaticCylinders((1, 2), (0.3, 0.9), (0.2, 0.6), friction=(0.2, 1.0))
     env = make(2, maax.WallScenarios("empty"), maax.Agents(2), cylinders)
     drawn = draw(env, 7)
     assert "cylinder_obs" not in drawn.obs
-    states, ids = few(draw(env, 7, cylinder_height=0.6)), env.modules["cylinder"].geom_ids
+    states, ids = few(draw(env, 7, static_cylinder_height=0.6)), env.modules["static_cylinder"].geom_ids
     start = np.asarray(states.data.geom_xpos)[:, ids]
-    there = active(states, "cylinder")
+    there = active(states, "static_cylinder")
     equal(states.obs["static_cylinder_mask"], there)
     close(states.obs["static_cylinder_pos"], np.where(there[..., None], start, 0))
     radius, half = field(env, states, "geom_size", ids)[..., :2].transpose(2, 0, 1)
@@ -416,7 +416,7 @@ def test_static_cylinders_stand_fast(batch_step):
     middle = np.asarray(drawn.data.geom_xpos)[:, ids, :2]
     apart = np.linalg.norm(agents[:, :, None] - middle[:, None], axis=-1)
     room = apart - RADIUS - field(env, drawn, "geom_size", ids)[:, None, :, 0]
-    assert room[np.broadcast_to(active(drawn, "cylinder")[:, None], room.shape)].min() > -TOL
+    assert room[np.broadcast_to(active(drawn, "static_cylinder")[:, None], room.shape)].min() > -TOL
     nearest = np.full(FEW, np.inf)
     for _ in range(200):
         action, away = towards(env, states, start[:, 0, :2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from helpers import seeds
 from scipy import stats
 
 import maax_mjx as maax
@@ -31,7 +32,7 @@ def env():
 
 @pytest.fixture(scope="module")
 def drawn(env, batch_reset):
-    return jax.device_get(batch_reset(env, jax.random.split(jax.random.key(0), N)))
+    return jax.device_get(batch_reset(env, jax.random.split(seeds.key(0), N)))
 
 
 def rows(env, states, name, ids):
@@ -45,7 +46,7 @@ def uniform(x, low, high):
 
 
 def test_sizes_frictions_and_places(env, drawn):
-    ids, there = env.modules["static_cylinders"].geom_ids, drawn.world.active["static_cylinder"]
+    ids, there = env.modules["static_cylinder"].geom_ids, drawn.world.active["static_cylinder"]
     assert set(there.sum(axis=1)) == {1, 2}
     radius, half = rows(env, drawn, "geom_size", ids)[..., :2].transpose(2, 0, 1)
     friction = rows(env, drawn, "geom_friction", ids)[..., 0]
@@ -70,7 +71,7 @@ def test_sizes_frictions_and_places(env, drawn):
 
 
 def test_only_the_movable_ones_are_movable(env):
-    assert [module.name for module in env.movables] == ["agents", "cylinders"]
+    assert [module.name for module in env.movables] == ["agent", "cylinder"]
     with pytest.raises(ValueError, match=r"objects: got 'static_cylinders'; takes one of \['cylinders'\]"):
         env.objects(["static_cylinders"])
     names = [env.model.body(i).name for i in range(env.model.nbody)]
@@ -80,8 +81,8 @@ def test_only_the_movable_ones_are_movable(env):
 def test_they_stand_fast(env, batch_reset, batch_step):
     """Agents at full force come up to them, and no further."""
     params = env.default_params.replace(static_cylinder_height=0.6, n_cylinders=0)
-    states = batch_reset(env, jax.random.split(jax.random.key(1), FEW), params)
-    ids = env.modules["static_cylinders"].geom_ids
+    states = batch_reset(env, jax.random.split(seeds.key(1), FEW), params)
+    ids = env.modules["static_cylinder"].geom_ids
     start = np.asarray(states.data.geom_xpos)[:, ids]
     radius = rows(env, states, "geom_size", ids)[:, 0, 0]
     nearest = np.full(FEW, np.inf)
@@ -102,7 +103,7 @@ def test_fixed_sizes_are_compiled(batch_reset):
     close(geom.size[:2], [0.2, 0.15])
     close(geom.friction[0], 0.2)
     assert "geom_friction" not in env.overlay
-    obs = batch_reset(env, jax.random.split(jax.random.key(0), 4)).obs
+    obs = batch_reset(env, jax.random.split(seeds.key(0), 4)).obs
     assert "static_cylinder_size" not in obs
     close(obs["static_cylinder_pos"][..., 2], 0.15, atol=1e-6)
 

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
+from matplotlib.figure import Figure
 
 import maax_mjx as maax
+from maax_mjx.viewer import draw_plan
 from maax_mjx.viewer.canvas import Canvas, Marked
 from maax_mjx.viewer.marks import marks_for
 from maax_mjx.viewer.stage import Stage
@@ -76,6 +78,17 @@ def test_the_battery_is_in_the_pixels_where_the_agent_is(example, view):
     scale = np.linalg.norm(ways) / np.linalg.norm(expected)
     assert 300 / 6 * 0.7 < scale < 300 / 6 * 1.1, "a floor of 6 m takes most of the picture"
     np.testing.assert_allclose(ways, scale * expected, atol=0.3 * scale)
+
+
+def test_a_plan_has_the_bars_and_the_labels(example):
+    env, state = example
+    ax = Figure().add_subplot()
+    draw_plan(ax, env, state)
+    assert sorted(text.get_text() for text in ax.texts) == ["0%", "100%", "25%"]
+    for agent, charge in enumerate(CHARGES):
+        start = state.data.xpos[env.base.agents.body_ids[agent], 0] - 0.2
+        ends = [line.get_xdata() for line in ax.lines]
+        assert any(np.allclose(xs, [start, start + 0.4 * charge], atol=1e-5) for xs in ends), agent
 
 
 def test_the_battery_is_in_a_replay(example, monkeypatch):
@@ -290,7 +303,7 @@ WRONG_MARKS = {
     "colour": (lambda c: c.label("a", "text", HERE, "red"), "colour: got 'red'; takes 4 finite numbers"),
     "ends": (lambda c: c.line("a", [HERE], RED), r"ends: got the shape \(1, 3\); takes \(2, 3\) metres"),
     "width": (lambda c: c.line("a", [HERE, HERE], RED, width=0), "width: got 0; takes a positive number"),
-    "tinted kind": (lambda c: c.tint("agent", 0, RED, 1.0), r"kind: got 'agent'; takes one of \['agent'\]"),
+    "tinted kind": (lambda c: c.tint("robot", 0, RED, 1.0), r"kind: got 'robot'; takes one of \['agent'\]"),
     "share": (lambda c: c.tint("agent", 0, RED, 2.0), r"share: got 2.0; takes a number in \[0, 1\]"),
 }
 

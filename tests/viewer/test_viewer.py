@@ -517,7 +517,7 @@ WRONG = {
     "camera": (lambda env, rec: maax.replay(env, rec, camera="side"), "camera: got 'side'"),
     "suffix": (lambda env, rec: maax.video(env, rec, "x.avi"), "path: got 'x.avi'"),
     "path": (lambda env, rec: maax.video(env, rec, 3), "path: got 3; takes the name of a file that ends in .mp4 or"),
-    "folder": (lambda env, rec: maax.replay(env, rec, "no/x.html"), "path: got 'no/x.html', and there is no folder"),
+    "folder": (lambda env, rec: maax.replay(env, rec, "no/x.html"), "path: got 'no/x.html', and no folder"),
     "page suffix": (lambda env, rec: maax.replay(env, rec, "x.mp4"), "path: got 'x.mp4'; takes a file that"),
     "huge": (lambda env, rec: maax.render(env, recording_frame(rec), size=(9000, 64)), "size: got .* at most 8192"),
     "camera words": (lambda env, rec: maax.replay(env, rec, camera={"azimuth": "north"}), "camera: got .*north"),

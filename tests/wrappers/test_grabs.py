@@ -395,10 +395,10 @@ ERRORS = {
         "objects: got 'boxs'; takes one of ['box', 'ramp'] (did you mean 'box'",
     ),
     "not movable": (lambda e: maax.GrabObjects(e, ["walls"]), "objects: got 'walls'; takes one of"),
-    "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], of which there are none; takes others"),
+    "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], which hold no objects; takes others"),
     "none of them": (
         lambda e: maax.GrabObjects(maax.make("standard", impl="c", n_boxes=0), ["box"]),
-        "objects: got ['box'], of which there are none",
+        "objects: got ['box'], which hold no objects",
     ),
     "no sight": (
         lambda e: maax.GrabObjects(e, in_vision_only=True),
@@ -407,11 +407,11 @@ ERRORS = {
     "no sight for locks": (lambda e: maax.LockObjects(e, in_vision_only=True), "LockObjects: needs LineOfSight"),
     "sight of others": (
         lambda e: maax.GrabObjects(maax.LineOfSight(e, objects=["box"]), in_vision_only=True),
-        "in_vision_only: LineOfSight does not look at 'ramp'; takes what it does, ['agent', 'box']",
+        "in_vision_only: LineOfSight does not see 'ramp'; takes what it sees, ['agent', 'box']",
     ),
     "sight of others for locks": (
         lambda e: maax.LockObjects(maax.LineOfSight(e, objects=["ramp"]), in_vision_only=True),
-        "in_vision_only: LineOfSight does not look at 'box'",
+        "in_vision_only: LineOfSight does not see 'box'",
     ),
     "twice": (
         lambda e: maax.GrabObjects(maax.GrabObjects(maax.make("standard", impl="c"))),
@@ -433,8 +433,3 @@ def test_mistakes(call, message, plain):
     with pytest.raises(ValueError) as error:  # noqa: PT011
         call(plain)
     assert message in str(error.value)
-
-
-def test_a_used_environment_is_refused():
-    with pytest.raises(RuntimeError, match="the environment is built already"):
-        maax.GrabObjects(used())

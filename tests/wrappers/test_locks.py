@@ -97,9 +97,9 @@ def action(wants, move=0.0):
 
 def spread(env, state):
     """The state with objects away from each other and from the walls, so that all can be pushed along x and y."""
-    spots = {"agents": [[0.5, 0.5], [0.5, 4.5], [5.0, 0.5], [3.4, 3.4]], "boxes": [[1.5, 1.5], [3.4, 1.5]]}
+    spots = {"agent": [[0.5, 0.5], [0.5, 4.5], [5.0, 0.5], [3.4, 3.4]], "box": [[1.5, 1.5], [3.4, 1.5]]}
     qpos = state.data.qpos
-    for name, xy in (spots | {"ramps": [[1.5, 3.0]]}).items():
+    for name, xy in (spots | {"ramp": [[1.5, 3.0]]}).items():
         module = env.base.modules[name]
         ids, there = module.qpos_ids[:, :2], state.world.active[module.kind][:, None]
         qpos = qpos.at[ids].set(jnp.where(there, jnp.array(xy), qpos[ids]))
@@ -320,7 +320,7 @@ def test_all_at_once_and_owners_are_drawn_among_those_who_want(locking):
         (lambda: maax.LockObjects(maax.make("standard")), "LockObjects: needs TeamMembership"),
         (lambda: build(lock_type="some"), "lock_type: got 'some'; takes one of"),
         (lambda: build("glue"), "method: got 'glue'; takes one of"),
-        (lambda: build("joint_range", free=True), "the free joints of boxes have none; takes 'equality'"),
+        (lambda: build("joint_range", free=True), "the free joints of box have none; takes 'equality'"),
         (
             lambda: maax.LockObjects(maax.TeamMembership(maax.make("standard")), ["boxs"]),
             "objects: got 'boxs'; takes one of",

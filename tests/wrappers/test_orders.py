@@ -37,7 +37,7 @@ REFUSED = {
     "a bare name": (lambda e: maax.LineOfSight(e, objects="box"), "objects: got 'box'; takes a list of different"),
     "a rectangle beside the floor": (
         lambda e: maax.RestrictAgentsRect(e, (100, 100, 200, 200)),
-        "takes one that meets the floor, 0 to 6 metres",
+        "takes one that overlaps the floor, 0 to 6 metres",
     ),
     "a word for a truth": (
         lambda e: maax.RestrictAgentsRect(e, RECT, penalize_objects_out="no"),

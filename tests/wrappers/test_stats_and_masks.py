@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
+from helpers.handled import handled
 
 import maax_mjx as maax
 
@@ -121,7 +122,8 @@ def stats_oracle(env, told, start, prep_steps):
     """By name (t, n_worlds, ...), from the positions, locks and contacts at every time."""
     out, n_times = {}, N_STEPS + 1
     active = {kind: np.asarray(there) for kind, there in start.world.active.items()}
-    locked, modules = told["locked"], env.base.modules
+    locked = told["locked"] if "locked" in told else handled(told["obs"])["obj_lock"][..., 0] > 0
+    modules = env.base.modules
     for kind, name, locks in (("box", "boxes", locked[..., :2]), ("ramp", "ramps", locked[..., 2:])):
         xy = told["qpos"][:, :, modules[kind].qpos_ids[:, :2]]
         way = np.sqrt(((xy - xy[0]) ** 2).sum(axis=-1))
@@ -291,7 +293,7 @@ ERRORS = {
         lambda e, s: maax.MaskActions(e, "grab", lambda s: s.step),
         "action: got 'grab'; takes one of ['lock', 'move']",
     ),
-    "mask name": (lambda e, s: maax.MaskActions(e, "lock", ["sees_box"]), "mask: got 'sees_box'; takes one of"),
+    "mask name": (lambda e, s: maax.MaskActions(e, "lock", ["sees_boxes"]), "mask: got 'sees_boxes'; takes one of"),
     "mask too short": (
         lambda e, s: maax.MaskActions(e, "lock", ["sees_box"]),
         "mask: has shape (4, 2); takes (4,) or (4, 3), as action 'lock'",
@@ -324,8 +326,8 @@ ERRORS = {
         "masks: got 'boxes_obs'; takes one of",
     ),
     "masked by": (
-        lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_box"}),
-        "masks: got 'sees_box'; takes one of",
+        lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_boxes"}),
+        "masks: got 'sees_boxes'; takes one of",
     ),
     "masked by others": (
         lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_agent"}),
@@ -333,7 +335,7 @@ ERRORS = {
     ),
     "blind without senses": (
         lambda e, s: maax.PreparationPhase(maax.TeamMembership(maax.make("standard", impl="c")), blind=True),
-        "blind: got True, and no sense to take away; takes LineOfSight or Lidar inside",
+        "blind: got True without a sense inside; takes LineOfSight or Lidar inside",
     ),
     "blind to what is hidden": (
         lambda e, s: maax.PreparationPhase(maax.SelectObservations(e, ["sees_agent", "sees_box"]), blind=True),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from maax_mjx.core.state import State
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas
+from maax_mjx.viewer.palette import DARK, EYE
 from maax_mjx.viewer.scene import turned, up
 
 
@@ -15,8 +15,8 @@ def draw_agents(state: State, canvas: Canvas) -> None:
         name, centre, rotation = subject.agents.names[agent], canvas.position(agent), turned(canvas.heading(agent))
         for side, sign in (("left", 1), ("right", -1)):
             position = centre + rotation @ [0.117, 0.058 * sign, 0.075]
-            canvas.solid(f"{name}:eye_{side}", "sphere", (0.028,), position, palette.EYE, role="eye")
+            canvas.solid(f"{name}:eye_{side}", "sphere", (0.028,), position, EYE, role="eye")
         ends = [centre, centre + 0.28 * rotation[:, 0]]
-        canvas.line(f"{name}:heading", ends, palette.DARK, width=0.02, role="heading")
+        canvas.line(f"{name}:heading", ends, DARK, width=0.02, role="heading")
         number = str(subject.numbers[agent])
         canvas.label(f"{name}:number", number, centre + up(0.26), canvas.colours[agent], role="number")

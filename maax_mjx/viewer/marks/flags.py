@@ -6,9 +6,9 @@ import numpy as np
 
 from maax_mjx.core.state import State
 from maax_mjx.modules import Flags
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas
 from maax_mjx.viewer.marks.registry import marks_of
+from maax_mjx.viewer.palette import DARK
 from maax_mjx.viewer.scene import up
 from maax_mjx.wrappers import CaptureTheFlag
 
@@ -26,7 +26,7 @@ def draw_flags(layer: CaptureTheFlag, state: State, canvas: Canvas) -> None:
         if carrier >= 0:
             foot = canvas.position(carrier) + up(0.1)
         pole, cloth = foot + up(POLE / 2), foot + np.array([0.16, 0.0, POLE - 0.1])
-        canvas.solid(f"{number}:pole", "cylinder", (0.015, POLE / 2), pole, palette.DARK, role="flag")
+        canvas.solid(f"{number}:pole", "cylinder", (0.015, POLE / 2), pole, DARK, role="flag")
         canvas.solid(f"{number}:cloth", "box", (0.16, 0.01, 0.1), cloth, team.colour, role="flag")
         canvas.tint(Flags.kind, number, team.colour, 1.0)
     for agent in np.flatnonzero(np.asarray(game.out)).tolist():

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from maax_mjx.core.state import State
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas
 from maax_mjx.viewer.marks.registry import marks_of
+from maax_mjx.viewer.palette import DARK
 from maax_mjx.viewer.scene import turned, up
 from maax_mjx.wrappers import GrabObjects
 
@@ -33,4 +33,4 @@ def draw_holds(layer: GrabObjects, state: State, canvas: Canvas) -> None:
         there = canvas.top(module, slot) + up(0.03)
         above = np.array([here[0], here[1], max(there[2], here[2] + 0.16)])
         ends = [[above, there], [above, here + up(0.14)]]
-        canvas.line(name, ends, palette.DARK, width=0.035, role="hold")
+        canvas.line(name, ends, DARK, width=0.035, role="hold")

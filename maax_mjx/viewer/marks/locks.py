@@ -6,9 +6,9 @@ import numpy as np
 
 from maax_mjx.common.colours import Colour
 from maax_mjx.core.state import State
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas
 from maax_mjx.viewer.marks.registry import marks_of
+from maax_mjx.viewer.palette import DARK
 from maax_mjx.viewer.scene import up
 from maax_mjx.wrappers import LockObjects
 
@@ -35,10 +35,10 @@ def _draw_padlock(canvas: Canvas, name: str, foot: np.ndarray, rgba: Colour) -> 
     body, side, top = (0.1, 0.045, 0.075), (0.016, 0.016, 0.05), (0.076, 0.016, 0.016)
     boxes = [
         ("body", body, [0, 0, body[2]], rgba),
-        ("left", side, [-0.06, 0, 0.2], palette.DARK),
-        ("right", side, [0.06, 0, 0.2], palette.DARK),
-        ("top", top, [0, 0, 0.25], palette.DARK),
-        ("keyhole", (0.018, 0.004, 0.03), [0, -body[1], body[2]], palette.DARK),
+        ("left", side, [-0.06, 0, 0.2], DARK),
+        ("right", side, [0.06, 0, 0.2], DARK),
+        ("top", top, [0, 0, 0.25], DARK),
+        ("keyhole", (0.018, 0.004, 0.03), [0, -body[1], body[2]], DARK),
     ]
     for part, size, at, colour in boxes:
         canvas.solid(f"{name}:{part}", "box", size, foot + at, colour, role="lock")

@@ -6,8 +6,8 @@ import numpy as np
 
 from maax_mjx.core.state import State
 from maax_mjx.modules import Ramps
-from maax_mjx.viewer import palette
 from maax_mjx.viewer.canvas import Canvas
+from maax_mjx.viewer.palette import DARK
 from maax_mjx.viewer.scene import up
 
 
@@ -27,7 +27,7 @@ def draw_slopes(state: State, canvas: Canvas) -> None:
             side *= 0.12 / max(float(np.linalg.norm(side)), 1e-9)
             back = foot + 0.6 * (tip - foot)
             ends = [[foot, tip], [tip, back + side], [tip, back - side]]
-            canvas.line(f"{module.names[slot]}:slope", ends, palette.DARK, width=0.024, role="slope")
+            canvas.line(f"{module.names[slot]}:slope", ends, DARK, width=0.024, role="slope")
 
 
 def uphill(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

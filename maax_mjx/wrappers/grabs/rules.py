@@ -1,4 +1,4 @@
-"""Who takes hold of what (Baker et al.'s published code)."""
+"""The rule that decides which agent holds which object (Baker et al.'s published code)."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ import jax
 import jax.numpy as jnp
 
 NOTHING = -1
+"""Index for no object."""
 
 
 def grab_rule(candidate: jax.Array, distance: jax.Array, exclusive: bool) -> jax.Array:
-    """What every agent holds: the nearest of its candidates.
+    """Decides what every agent holds: the nearest of its candidates.
 
     Args:
-        candidate: (n_agents, n) bool: what an agent wants to hold and can reach.
+        candidate: (n_agents, n) bool, objects that an agent wants to hold and can reach.
         distance: (n_agents, n) metres.
-        exclusive: whether an object is held by one agent alone. The nearest pair of all goes first, then the nearest
-            of those that are left, and so on; the first agent and the first object go first among equals.
+        exclusive: whether only one agent can hold an object. Pairs are then chosen by distance among the agents and
+            objects that are left; ties go to the first agent and the first object.
 
     Returns:
-        (n_agents,) int32, -1 for nothing.
+        (n_agents,) int32, the index of the object; -1 for nothing.
     """
     n_agents, n_objects = distance.shape
     away = jnp.where(candidate, distance, jnp.inf)

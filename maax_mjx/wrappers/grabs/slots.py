@@ -1,6 +1,6 @@
-"""The constraints by which agents hold objects: built for every pair, switched and aimed as data.
+"""The constraints by which agents hold objects: built for every pair, switched and aimed through data.
 
-Inactive pairs cost the C engine and Warp nothing, and MJX-JAX their rows: 4 of an upright object, 6 of a free one.
+Inactive pairs cost the C engine and Warp nothing; they cost MJX-JAX 4 rows for an upright object, 6 for a free one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from maax_mjx.wrappers.equalities import add_equality, connect_data, joint_data,
 
 
 class GrabSlots(Module):
-    """A hold of every agent on every object of some modules.
+    """One possible hold for every pair of an agent and an object.
 
-    An upright object hangs on its agent by its centre and by its yaw, a free one by a weld.
+    An upright object is tied to its agent by its centre and its yaw, a free one by a weld.
 
     Args:
         agents: the agents' module.
-        modules: whose objects.
+        modules: modules of the objects.
     """
 
     name = "grab_slots"
@@ -48,7 +48,7 @@ class GrabSlots(Module):
 
     @property
     def idle_equalities(self) -> int:
-        # Of every agent's holds, one is active: two equalities of an upright object, one weld of a free one.
+        # Each agent has at most one active hold: two equalities for an upright object, one weld for a free one.
         at_once = self.agents.n_max * (2 if self._centres else 1)
         return max(0, len(self._centres) + len(self._yaws) + len(self._welds) - at_once)
 
@@ -83,7 +83,7 @@ class GrabSlots(Module):
 
     @from_model
     def _yaw0(self) -> np.ndarray:
-        """What joint equalities turn on: they count from qpos0, as the difference of the two."""
+        """Offsets of joint equalities: these count from qpos0, the difference of the two joints' values there."""
         pairs = [name.removesuffix(":yaw").split(":grab:") for *_, name in self._yaws]
         return np.array([self._rest_of(f"{thing}:yaw") - self._rest_of(f"{agent}:yaw") for agent, thing in pairs])
 
@@ -91,11 +91,11 @@ class GrabSlots(Module):
         return float(self.model.qpos0[self.model.joint(joint).qposadr[0]])
 
     def relative(self, data: Data, held: jax.Array) -> jax.Array:
-        """(n_agents, 8): where held objects are, as their agents see them: position, quaternion, difference of yaws.
+        """Returns the poses (n_agents, 8) of objects in their agents' frames: position, quaternion, difference of yaws.
 
         Args:
-            data: the state.
-            held: (n_agents,) indices of objects; what is not held gives anything.
+            data: the physics state.
+            held: (n_agents,) indices of objects; the row of an agent that holds nothing is arbitrary.
         """
         bodies = np.concatenate([m.body_ids for m in self.modules])
         mine = self.agents.body_ids
@@ -107,13 +107,13 @@ class GrabSlots(Module):
         return jnp.concatenate([place, turn, yaw[:, None]], axis=1)
 
     def hold(self, state: State, held: jax.Array, relative: jax.Array, overlay: Overlay) -> State:
-        """The state with every agent bound to what it holds, and to nothing else.
+        """Ties every agent to the object that it holds, and to no other.
 
         Args:
-            state: before a step.
+            state: a state before a step.
             held: (n_agents,) int32, -1 for nothing.
-            relative: (n_agents, 8), see `relative`.
-            overlay: the environment's.
+            relative: (n_agents, 8) poses as from `relative`.
+            overlay: the environment's overlay.
         """
         of_centre, of_yaw, of_weld = np.split(self._agent, self._parts)
         data = jnp.concatenate(

@@ -1,4 +1,4 @@
-"""Grabbing objects and carrying them along."""
+"""Grabbing and carrying objects."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gymnasium import spaces
 from maax_mjx.common.checks import check_bool, check_positive
 from maax_mjx.common.observed import Observed, flag
 from maax_mjx.common.params import DomainParams
-from maax_mjx.core.env import Environment
+from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.grabs.rules import NOTHING, grab_rule
 from maax_mjx.wrappers.grabs.slots import GrabSlots
-from maax_mjx.wrappers.handled import by_kind, check_new_action, declared_by_kind
+from maax_mjx.wrappers.handled import by_kind, declared_by_kind
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.reach import Reach
 from maax_mjx.wrappers.wrapper import Wrapper
@@ -27,11 +27,11 @@ GRAB, PULL, COLUMNS = "grab", "pull", flag("you_pull", "obj_pull")
 
 
 class Grabs(struct.PyTreeNode):
-    """Who holds what.
+    """The current holds.
 
     Attributes:
-        held: (n_agents,) int32, the index among the grabbable objects; -1 for nothing.
-        relative: (n_agents, 8) where it was, as the agent saw it, when it was grabbed: position, quaternion, yaw.
+        held: (n_agents,) int32, index of the held object among the grabbable ones; -1 for nothing.
+        relative: (n_agents, 8) its pose in the agent's frame when it was grabbed: position, quaternion, yaw.
     """
 
     held: jax.Array
@@ -41,17 +41,17 @@ class Grabs(struct.PyTreeNode):
 class GrabObjects(Wrapper):
     """Lets agents hold objects within reach, which then move and turn with them (Baker et al.).
 
-    While an agent wants to, it holds the nearest object in reach, in the pose relative to itself that it had when it
-    was grabbed. Locked objects can be held too. Adds `action["grab"]` (n_agents,), or (n_agents, n_grabbable) with
-    `selective`; and for every kind of object `<kind>_pull` (n_agents, n, 2): held by oneself, by anybody.
+    While an agent grabs, it holds the nearest object in reach, in the relative pose at which it was grabbed. Locked
+    objects can be held, too. Adds `action["grab"]` (n_agents,), or (n_agents, n_grabbable) with `selective`; and for
+    every kind of object the observation `<kind>_pull` (n_agents, n, 2): held by oneself, held by anybody.
 
     Args:
-        env: what to wrap; a copy of it gets the holds, which are built into the model.
+        env: environment to wrap; a copy of it gets the constraints of the holds.
         objects: names of the modules whose objects can be grabbed: "box", "ramp", "cylinder", or your own.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
-        exclusive: whether an object is held by one agent alone, the nearest.
-        selective: whether agents say which objects they want, or take the nearest.
-        in_vision_only: whether only what the agent saw after the step before can be held; needs `LineOfSight`.
+        exclusive: whether only one agent, the nearest, can hold an object.
+        selective: whether agents choose objects by index; otherwise they take the nearest.
+        in_vision_only: whether an agent can only hold what it saw after the previous step; needs `LineOfSight`.
 
     Raises:
         ValueError: an unknown module, a radius that is not positive, or vision without `LineOfSight`.
@@ -69,8 +69,7 @@ class GrabObjects(Wrapper):
         selective: bool = False,
         in_vision_only: bool = False,
     ):
-        check_new_action(env, GRAB)
-        super().__init__(deepcopy(env))
+        super().__init__(deepcopy(check_environment(env)))
         self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
         self.exclusive = check_bool("exclusive", exclusive)
         self.selective = check_bool("selective", selective)
@@ -95,7 +94,7 @@ class GrabObjects(Wrapper):
         old: Grabs = state.mechanics[self.name]
         distance, near = self._reach(state)
         held = grab_rule(wants & near, distance, self.exclusive)
-        # A pose is taken where a hold begins, and kept while it lasts.
+        # The pose is taken when a hold begins, and kept while it lasts.
         same = (held == old.held)[:, None]
         grabs = Grabs(held, jnp.where(same, old.relative, self._slots.relative(state.data, held)))
         state = self.remember(state, grabs)

@@ -1,4 +1,4 @@
-"""Who prevails when agents want an object locked and others do not (Baker et al.'s published code)."""
+"""The rules that decide which objects are locked (Baker et al.'s published code)."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import jax.numpy as jnp
 import numpy as np
 
 LOCK_TYPES = ("any", "all", "any_specific", "team")
+"""Names of the lock types; see `LockObjects`."""
 
 
 def lock_rule(
     lock_type: str, wants: jax.Array, near: jax.Array, locked: jax.Array, last_owner: jax.Array, team: np.ndarray
 ) -> tuple[jax.Array, jax.Array]:
-    """Which objects are to be locked and which unlocked, before what is locked already is taken into account.
+    """Decides which objects to lock and which to unlock, whether or not they are locked already.
 
-    An object may be in both: it is unlocked, and locked anew by another.
+    An object may be in both: it is unlocked, and then locked by another agent.
 
     Args:
         lock_type: one of `LOCK_TYPES`.
-        wants: (n_agents, n) bool.
-        near: (n_agents, n) bool; who is not near does not count.
-        locked: (n,) bool.
-        last_owner: (n,) int32, who locked it last; 0 where nobody did, as in the published code, whose first team
-            alone can therefore object to the first lock.
-        team: (n_agents,) of every agent.
+        wants: (n_agents, n) bool, whether an agent wants an object locked.
+        near: (n_agents, n) bool; agents that are not near do not count.
+        locked: (n,) bool, whether an object is locked now.
+        last_owner: (n,) int32, the agent that locked it last; 0 if nobody did, as in the published code, so that only
+            the first team can object to the first lock.
+        team: (n_agents,) team of every agent.
 
     Returns:
         lock, unlock: (n,) bool each.

@@ -1,4 +1,4 @@
-"""The constraints that hold locked objects, built into the model once, switched and aimed as data."""
+"""The constraints that hold locked objects: built into the model once, switched and aimed through data."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from maax_mjx.wrappers.equalities import add_equality, joint_data, set_equalitie
 METHODS = ("equality", "joint_range")
 JOINTS = ("x", "y", "z", "yaw")
 N_POSE = 7
+"""Numbers of a pose: a free joint's qpos, or an upright object's padded with zeros."""
 
 
 class LockSlots(Module):
-    """One lock for every slot of some modules.
+    """One lock for every object slot of some modules.
 
     Args:
-        name: of this module.
-        modules: whose objects.
-        method: "equality": a joint equality for every slide and hinge, a weld to the world for a free joint;
-            "joint_range": the range of every joint, open or closed.
+        name: name of this module.
+        modules: modules of the objects.
+        method: "equality" builds a joint equality for every slide and hinge, and a weld to the world for a free joint;
+            "joint_range" opens or closes every joint's range.
 
     Raises:
         ValueError: joint ranges of free joints.
@@ -60,7 +61,7 @@ class LockSlots(Module):
 
     @property
     def _joints(self) -> list[tuple[int, int, str]]:
-        """The slot, the axis and the name of every slide and hinge."""
+        """Slot, axis and name of every slide and hinge."""
         slots = [(slot, name) for slot, (name, free) in enumerate(self.names) if not free]
         return [(slot, axis, f"{name}:{joint}") for slot, name in slots for axis, joint in enumerate(JOINTS)]
 
@@ -91,18 +92,18 @@ class LockSlots(Module):
         return np.array(of_joints + of_welds, int)
 
     def pose(self, data: Data) -> jax.Array:
-        """(n, 7) the qpos of every object, padded with zeros."""
+        """Returns the qpos (n, 7) of every object, padded with zeros."""
         rows = [data.qpos[m.qpos_ids] for m in self.modules]
         return jnp.concatenate([jnp.pad(q, ((0, 0), (0, N_POSE - q.shape[1]))) for q in rows])
 
     def hold(self, state: State, locked: jax.Array, pose: jax.Array, overlay: Overlay) -> State:
-        """The state with locked objects held at their poses, and all others free.
+        """Holds locked objects at their poses, and frees all others.
 
         Args:
-            state: before a step.
-            locked: (n,) bool.
-            pose: (n, 7), see `pose`.
-            overlay: the environment's.
+            state: a state before a step.
+            locked: (n,) bool, whether an object is locked.
+            pose: (n, 7) poses as from `pose`.
+            overlay: the environment's overlay.
         """
         value = pose[self._joint_slot, self._joint_axis]
         if self.method == "joint_range":

@@ -29,13 +29,13 @@ LOCK, COLUMNS = "lock", flag("you_lock", "team_lock", "obj_lock")
 
 
 class Locks(struct.PyTreeNode):
-    """Which objects are locked, and by whom.
+    """The current locks.
 
     Attributes:
-        locked: (n_lockable,) bool.
-        owner: (n_lockable,) int32, who locked it; -1 where it is not locked.
-        last_owner: (n_lockable,) int32, who locked it last, whether or not it is; 0 where nobody did.
-        pose: (n_lockable, 7) the qpos that it was locked in, padded with zeros.
+        locked: (n_lockable,) bool, whether an object is locked.
+        owner: (n_lockable,) int32, the agent that locked it; -1 for an unlocked object.
+        last_owner: (n_lockable,) int32, the agent that locked it last, also once it is unlocked; 0 if nobody did.
+        pose: (n_lockable, 7) the qpos at which it was locked, padded with zeros.
     """
 
     locked: jax.Array
@@ -47,32 +47,33 @@ class Locks(struct.PyTreeNode):
 class LockObjects(Wrapper):
     """Lets agents lock objects in place while they are near (Baker et al.; thesis 5.2.1).
 
-    An agent that is near an object and wants it locked asks for it; one that is near and does not, asks for the
-    contrary; with nobody near nothing changes. Who prevails is the lock type:
+    Every agent near an object either wants it locked or wants it unlocked; with nobody near nothing changes. The lock
+    type decides:
 
-    - "any": locked if anybody wants it; unlocked if nobody wants it and somebody near does not.
-    - "all": locked if somebody wants it and nobody near does not; unlocked if anybody near does not.
-    - "any_specific": locked as of "any"; unlocked by the agent that locked it alone.
-    - "team": locked and unlocked as of "all", but only members of the team that locked it last count against it.
+    - "any": locked if anybody near wants it; unlocked if somebody is near and nobody near wants it locked.
+    - "all": locked if everybody near wants it; unlocked if anybody near does not.
+    - "any_specific": locked as in "any"; unlocked only by the agent that locked it.
+    - "team": locked and unlocked as in "all", but only members of the team that locked it last can object.
 
-    Who owns a new lock is drawn from those who wanted it. Adds `action["lock"]` (n_agents, n_lockable), or (n_agents,)
-    without `per_object`; and for every kind of object `<kind>_lock` (n_agents, n, 3): locked by oneself, by one's team,
-    by anybody. Several of these, for different objects and under different names, make rules of their own for each.
+    The owner of a new lock is drawn from the agents that wanted it. Adds `action["lock"]` (n_agents, n_lockable), or
+    (n_agents,) without `per_object`; and for every kind of object `<kind>_lock` (n_agents, n, 3): locked by oneself, by
+    one's team, by anybody. Several wrappers, for different objects and with different names, give each
+    its own rules.
 
     Args:
-        env: what to wrap; a copy of it gets the locks, which are built into the model.
+        env: environment to wrap; a copy of it gets the constraints of the locks.
         objects: names of the modules whose objects can be locked: "box", "ramp", "cylinder", or your own.
-        lock_type: see above.
+        lock_type: one of the lock types above.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
         method: "equality" holds the pose with equality constraints, "joint_range" with closed joint ranges, which give
             ten times as much.
-        per_object: whether agents say which objects they want locked, or all within reach at once.
-        in_vision_only: whether only agents that saw an object after the step before count; needs `LineOfSight`.
-        action_name: of the action, "lock" unless there are several; `state.mechanics` has it with an s: "locks".
+        per_object: whether agents choose objects by index; otherwise all within reach at once.
+        in_vision_only: whether only agents that saw an object after the previous step count; needs `LineOfSight`.
+        action_name: name of the action; the struct in `state.mechanics` has it with an s: "locks".
 
     Raises:
         ValueError: an unknown module, lock type or method, joint ranges of free joints, vision without `LineOfSight`,
-            objects that others lock already, or a name that is taken.
+            objects that another wrapper locks already, or a name that is taken.
     """
 
     requires = (TeamMembership,)
@@ -123,7 +124,7 @@ class LockObjects(Wrapper):
         state = self.remember(state, locks)
         state = self._slots.hold(state, locks.locked, locks.pose, self.base.overlay)
         if self._slots.method == "joint_range":
-            # What is unlocked ends at the edge of the arena again, where it does.
+            # Unlocked objects get the joint ranges back that end at the edge of the arena, where the arena uses them.
             state = state.replace(world=self.base.bounded(state.world, state.data))
         inner = {name: part for name, part in action.items() if name != self.action_name}
         return self._observe(self.env.advance(state, inner))
