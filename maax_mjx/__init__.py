@@ -46,7 +46,7 @@ from maax_mjx.modules import (  # noqa: E402
 )
 from maax_mjx.parallel import Checkpoints, Worlds, WorldsState  # noqa: E402
 from maax_mjx.parallel.curriculum import Curriculum  # noqa: E402
-from maax_mjx.physics import MissingLibraryError, NotDifferentiableError  # noqa: E402
+from maax_mjx.physics import MissingLibraryError, NotDifferentiableError, register_engine  # noqa: E402
 from maax_mjx.tasks import (  # noqa: E402
     CaptureTheFlagConfig,
     FullConfig,
@@ -187,6 +187,7 @@ __all__ = [
     "quad_placement",
     "record",
     "register",
+    "register_engine",
     "register_placement",
     "register_scenario",
     "render",

@@ -16,7 +16,7 @@ import maax_mjx as maax
 from maax_mjx.cli.options import config_with, names, report
 from maax_mjx.common.runtime import cores
 from maax_mjx.core.describe import Description, Row
-from maax_mjx.physics import IMPLS, best_impl, check_impl
+from maax_mjx.physics import best_impl, check_impl, impls
 from maax_mjx.viewer.gl import backends
 
 PACKAGES = (
@@ -62,7 +62,7 @@ def of_installation() -> dict[str, Any]:
         "packages": {name: _version(name) for name in PACKAGES},
         "devices": [str(device.device_kind) for device in jax.devices()],
         "cpus": cores(),
-        "engines": {impl: _engine(impl) for impl in IMPLS if impl != "auto"},
+        "engines": {impl: _engine(impl) for impl in impls() if impl != "auto"},
         "auto": best_impl(),
         "opengl": backends(),
         "compiled programs": getattr(jax.config, "jax_compilation_cache_dir", None) or "not kept",

@@ -22,7 +22,7 @@ from maax_mjx.common.checks import check_count
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
-from maax_mjx.physics import IMPLS
+from maax_mjx.physics import impls
 from maax_mjx.viewer import Recording, contact_sheet
 from maax_mjx.viewer.film import select_worlds
 
@@ -52,7 +52,7 @@ class Rollout:
     """Env steps."""
     seed: int = 0
     """Of the worlds and the actions."""
-    impl: names(IMPLS) = "auto"  # type: ignore[valid-type]
+    impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
     show: int = 1
     """Of how many worlds rollout.npz and replay.html are."""

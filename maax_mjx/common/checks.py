@@ -94,6 +94,18 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     return value
 
 
+def check_new_name(name: object, taken: Iterable[str]) -> str:
+    """A name that nothing is registered by yet.
+
+    Raises:
+        ValueError: something else than a text that is not empty, or a name that is taken.
+    """
+    taken = sorted(taken)
+    if not isinstance(name, str) or not name or name in taken:
+        raise ValueError(f"name: got {name!r}; takes a name that is not taken, as are {taken}")
+    return name
+
+
 def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
     """Returns the path of a file to write, with one of the endings and in an existing folder."""
     takes = f"a file that ends in {' or '.join(endings)}, in an existing folder"

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, check_new_name
 from maax_mjx.layout.layout import PlacementFn
-from maax_mjx.layout.names import check_new_name
 from maax_mjx.layout.placement import (
     centre_placement,
     middle_placement,

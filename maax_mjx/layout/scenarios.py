@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import jax
 
-from maax_mjx.common.checks import check_bool, check_choice, check_count
+from maax_mjx.common.checks import check_bool, check_choice, check_count, check_new_name
 from maax_mjx.layout.fixed_rooms import LARGEST, SMALLEST, SPLITS, empty, half, quad, tri, var_quad
-from maax_mjx.layout.names import check_new_name
 from maax_mjx.layout.random_rooms import RandomRooms
 from maax_mjx.layout.rooms import Rooms
 from maax_mjx.layout.scenario import Cells, FixedScenario, Scenario

@@ -4,10 +4,9 @@ from maax_mjx.physics.data import Data
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.fields import Fields, Overlay, model_fields, overlaid_model, union
 from maax_mjx.physics.gradients import NotDifferentiableError
-from maax_mjx.physics.select import IMPLS, MissingLibraryError, best_impl, check_impl, make_engine
+from maax_mjx.physics.select import MissingLibraryError, best_impl, check_impl, impls, make_engine, register_engine
 
 __all__ = [
-    "IMPLS",
     "Data",
     "Engine",
     "Fields",
@@ -16,8 +15,10 @@ __all__ = [
     "Overlay",
     "best_impl",
     "check_impl",
+    "impls",
     "make_engine",
     "model_fields",
     "overlaid_model",
+    "register_engine",
     "union",
 ]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from maax_mjx.common.checks import check_choice, check_key
+from maax_mjx.common.checks import check_choice, check_key, check_new_name
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment
@@ -42,8 +42,7 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     Raises:
         ValueError: a name that is taken, or a config that is not such a class.
     """
-    if not isinstance(name, str) or not name or name in _TASKS:
-        raise ValueError(f"name: got {name!r}; takes a name that is not taken, as are {tasks()}")
+    check_new_name(name, _TASKS)
     if not callable(build):
         raise ValueError(f"build: got {build!r}; takes a function from a config to an environment")
     if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]

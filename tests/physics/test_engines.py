@@ -1,0 +1,60 @@
+"""Engines by name: a user's own, and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.seeds import key
+
+import maax_mjx as maax
+from maax_mjx.physics import impls, select
+from maax_mjx.physics.c_engine import CEngine
+
+
+@pytest.fixture(autouse=True)
+def registry(monkeypatch):
+    """A registry of its own for the test."""
+    monkeypatch.setattr(select, "_ENGINES", dict(select._ENGINES))
+
+
+class Halved(CEngine):
+    """Half of every force."""
+
+    def step(self, fields, data, n_frames):
+        return super().step(fields, data.replace(ctrl=data.ctrl / 2), n_frames)
+
+
+def make_halved(model, overlay, contacts_per_world, n_equalities):
+    return Halved(model, overlay)
+
+
+def test_a_users_engine_steps_the_game():
+    maax.register_engine("halved", make_halved)
+    assert impls() == ("auto", "c", "halved", "jax", "warp")
+    moved = {}
+    for impl, force in (("c", 0.5), ("halved", 1.0)):
+        env = maax.make("tag", impl=impl, observations="raw", n_boxes=0, n_ramps=0)
+        state = jax.jit(env.reset)(key(0))
+        moved[impl] = jax.jit(env.step)(state, {"move": jnp.full((4, 3), force)}).data.qpos
+    np.testing.assert_array_equal(moved["halved"], moved["c"])
+
+
+@pytest.mark.parametrize(
+    ("register", "says"),
+    [
+        (lambda: maax.register_engine("c", make_halved), r"name: got 'c'; takes a name that is not taken"),
+        (lambda: maax.register_engine("auto", make_halved), r"name: got 'auto'"),
+        (lambda: maax.register_engine("mine", "engine"), r"make: got 'engine'; takes a function"),
+        (lambda: maax.make("tag", impl="wrap"), r"impl: got 'wrap'; takes one of .* \(did you mean 'warp'"),
+    ],
+)
+def test_what_is_refused(register, says):
+    with pytest.raises(ValueError, match=says):
+        register()
+
+
+def test_an_engine_that_is_none():
+    maax.register_engine("odd", lambda *_: 3)
+    env = maax.make("standard", impl="odd")
+    with pytest.raises(ValueError, match="impl: the engine registered as 'odd' is 3; takes an Engine"):
+        env.reset(key(0))
