@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -177,8 +178,17 @@ def _result(
         "physics_steps_per_s": round(rate * base.n_frames),
         "agent_steps_per_s": round(rate * base.n_agents),
         "compile_s": round(compiled, 1),
+        "mean_return": _mean_return(env, states),
         **states.totals(),
     }
+
+
+def _mean_return(env: Environment, states: WorldsState) -> dict[str, float]:
+    """The return of every agent's running episode by its name, averaged over the worlds in which it plays."""
+    active = np.asarray(states.world.active[env.base.agents.kind])
+    total = np.where(active, np.asarray(states.episode_return), 0.0).sum(axis=0)
+    means = total / np.maximum(active.sum(axis=0), 1)
+    return dict(zip(env.agent_names, (round(float(mean), 2) for mean in means), strict=True))
 
 
 def _summary(result: Mapping[str, Any]) -> str:
@@ -189,6 +199,7 @@ def _summary(result: Mapping[str, Any]) -> str:
         "physics steps/s": f"{result['physics_steps_per_s']:,}",
         "agent-steps/s": f"{result['agent_steps_per_s']:,}",
         "compile time": f"{result['compile_s']} s",
+        "mean return": ", ".join(f"{name} {value:+g}" for name, value in result["mean_return"].items()),
         "episodes ended": f"{result['episodes']:,}",
         "invalid layouts": f"{result['layout_invalid']:,}",
         "contact overflow": f"{result['contact_overflow']:,} steps",

@@ -25,7 +25,7 @@ from maax_mjx.core.generation import draw_layout
 from maax_mjx.core.state import State
 from maax_mjx.core.teams import Team, agent_names, make_teams
 from maax_mjx.layout import Layout, World
-from maax_mjx.modules.from_model import from_model, without_worked_out
+from maax_mjx.modules.from_model import from_model, without_cached
 from maax_mjx.physics import Data
 from maax_mjx.worldgen import WorldParams
 
@@ -137,7 +137,7 @@ class Environment(ABC):
         """Copies the whole chain, with its own modules and a model that is not built yet."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
-        for name, value in without_worked_out(vars(self)).items():
+        for name, value in without_cached(vars(self)).items():
             try:
                 twin.__dict__[name] = copy.deepcopy(value, memo)
             except (TypeError, copy.Error) as error:

@@ -1,4 +1,4 @@
-"""What is in a world. Each module owns one kind of thing, from the object tree to its observations."""
+"""Modules: the contents of a world. Each module owns one kind of thing, from the object tree to its observations."""
 
 from maax_mjx.modules.agents import Agents
 from maax_mjx.modules.constants import FloorAttributes, WorldConstants

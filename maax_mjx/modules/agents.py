@@ -23,8 +23,10 @@ from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.worldgen import Obj, ObjFromXML
 
 DIAMETER = 0.3
+"""Metres."""
 MOTORS = ("x", "y", "yaw")
 GEAR, DAMPING = 100.0, 10.0
+"""Newtons at full control, and N s/m, along x and y; Nm and Nm s/rad about z."""
 
 
 class Agents(Entities):
@@ -33,19 +35,20 @@ class Agents(Entities):
     Motors push along the world's x and y and turn about z. An agent faces -y at yaw 0, where its two hands are.
 
     Args:
-        n_agents: how many; or by team, how many or (low, high), drawn per world: `{"hiders": (1, 3), "seekers": 2}`.
-            The slots of the first team come first. Absent agents are masked (`agent_mask`), parked and deaf to actions.
+        n_agents: number of agents; or by team, a number or (low, high), drawn per world:
+            `{"hiders": (1, 3), "seekers": 2}`. The slots of the first team come first. Absent agents are masked
+            (`agent_mask`), parked and ignore actions.
         placement_fn: one function for all, or a list with one per slot.
-        colors: RGBA per slot; None is a colour per team, grey where there is one team.
+        colors: RGBA per slot; None gives each team a colour, or grey to a single team.
         random_yaw: whether agents start facing anywhere; else all face -y.
         friction: sliding friction, or a range, the parameter `agent_friction`; None keeps MuJoCo's default of 1.
-        damping: of x, y (N s/m) and yaw (Nm s/rad), or a range, the parameter `agent_damping`; z keeps 1.
+        damping: damping along x, y (N s/m) and of yaw (Nm s/rad), or a range, the parameter `agent_damping`; z keeps 1.
         gear: force along x and y in N, and torque in Nm, at full control, or a range, the parameter `agent_gear`.
-        per_object: whether every agent draws its own from the ranges, or all of a world share one draw.
-        polar_obs: whether `agent_qpos_qvel` has cos and sin of the yaw, or the yaw itself.
+        per_object: whether every agent draws its own value from a range; otherwise all agents of a world share one.
+        polar_obs: whether `agent_qpos_qvel` has cos and sin of the yaw instead of the yaw itself.
 
     Raises:
-        ValueError: no agent at all, a team without agents, or a list of the wrong length.
+        ValueError: no agents, a team without agents, or a list of the wrong length.
     """
 
     kind = "agent"
@@ -93,11 +96,11 @@ class Agents(Entities):
 
     @property
     def team_index(self) -> np.ndarray:
-        """(n_max,) the team of every slot."""
+        """Team of every slot, (n_max,)."""
         return np.repeat(np.arange(len(self.team_sizes)), [high for _, high in self.team_sizes.values()])
 
     def _team_colours(self) -> list[Colour]:
-        """The colour of every slot, where none were given."""
+        """Default colour of every slot."""
         if len(self.team_sizes) == 1:
             return [GREY] * self.n_max
         return [TEAM_COLOURS[team % len(TEAM_COLOURS)] for team in self.team_index]
@@ -108,7 +111,7 @@ class Agents(Entities):
 
     @property
     def parameters(self) -> list[Parameter]:
-        # One team of a fixed number is all that is known of it: none of the agents can be absent.
+        # A single team of a fixed number: none of the agents can be absent.
         counts = [Parameter(name, pair, pair if self._fixed else (0, pair[1])) for name, pair in self.counts.items()]
         return counts + [p for ranged in self.ranges for p in ranged.parameters]
 
@@ -133,12 +136,12 @@ class Agents(Entities):
 
     @from_model
     def ctrl_ids(self) -> np.ndarray:
-        """(n_max, 3) the motors along x and y and about z."""
+        """Actuator ids (n_max, 3) of the motors along x and y and about z."""
         return np.array([[self.model.actuator(name).id for name in row] for row in self._motors()], int)
 
     @from_model
     def driven_dofs(self) -> np.ndarray:
-        """(n_max, 3) the degrees of freedom that the motors drive."""
+        """Ids (n_max, 3) of the degrees of freedom that the motors drive."""
         return np.array([[self.model.joint(name).dofadr[0] for name in row] for row in self._motors()], int)
 
     def _motors(self) -> list[list[str]]:
@@ -153,7 +156,7 @@ class Agents(Entities):
         return self._by_team(key, lambda own_key, n: ranged.draw(own_key, params, n))
 
     def _by_team(self, key: jax.Array, draw: Callable[[jax.Array, int], jax.Array]) -> jax.Array:
-        """(n_max, ...) of `draw(key, n)`, every team's from its own key: another's maximum does not move it."""
+        """Returns draws (n_max, ...) by `draw(key, n)`, with a key per team: other teams' maxima do not matter."""
         sizes = [high for _, high in self.team_sizes.values()]
         drawn = jax.vmap(draw, (0, None))(named_keys(key, self.team_sizes), max(sizes))
         return drawn[self.team_index, np.concatenate([np.arange(n) for n in sizes])]
@@ -169,8 +172,9 @@ class Agents(Entities):
         return fields
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """`agent_qpos_qvel` (n, 8): x, y, z, yaw and their velocities, (n, 9) with `polar_obs`; `agent_pos` (n, 3);
-        `agent_angle` (n, 1): heading, yaw - pi/2 wrapped to [-pi, pi); `agent_mask` (n,). Absent ones are zero.
+        """Returns `agent_qpos_qvel` (n, 8): x, y, z, yaw and their velocities, (n, 9) with `polar_obs`;
+        `agent_pos` (n, 3); `agent_angle` (n, 1): heading, yaw - pi/2 wrapped to [-pi, pi); `agent_mask` (n,). Absent
+        agents are zero.
         """
         active = world.active[self.kind]
         qpos, qvel = data.qpos[self.qpos_ids], data.qvel[self.qvel_ids]
@@ -194,7 +198,7 @@ class Agents(Entities):
 
 
 def _check_teams(n_agents: int | Mapping[str, int | tuple[int, int]]) -> dict[str, tuple[int, int]]:
-    """The smallest and the largest number of every team, by its name."""
+    """Returns the smallest and the largest number of every team, by name."""
     if not isinstance(n_agents, Mapping):
         n = check_count("n_agents", n_agents, minimum=1)
         return {"agents": (n, n)}

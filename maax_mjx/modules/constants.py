@@ -1,4 +1,4 @@
-"""What holds for a whole world: the floor's friction, gravity."""
+"""Modules of whole worlds: the floor's friction, gravity."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class FloorAttributes(Module):
     """Attributes of the floor.
 
     Args:
-        friction: sliding friction, or a range drawn per world. Of two things in contact, MuJoCo takes the larger.
-        rgba: the floor's colour; None keeps it.
+        friction: sliding friction, or a range drawn per world. MuJoCo uses the larger one of two geoms in contact.
+        rgba: the floor's colour; None keeps the default.
 
     Raises:
         ValueError: a negative friction, or a colour that is not four numbers in [0, 1].
@@ -58,10 +58,10 @@ class FloorAttributes(Module):
 
 
 class WorldConstants(Module):
-    """Physical constants.
+    """Physical constants of a world.
 
     Args:
-        gravity: along z in m/s^2 (negative is down), or a range drawn per world. OpenAI's games take -50.
+        gravity: along z in m/s^2 (negative is down), or a range drawn per world. OpenAI's games use -50.
 
     Raises:
         ValueError: a gravity that is not finite.

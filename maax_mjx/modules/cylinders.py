@@ -1,4 +1,4 @@
-"""Cylinders, to push or to walk around."""
+"""Cylinders, movable or fixed to the floor."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from maax_mjx.physics.overlay import BOX_FIELDS, SIZE_FIELDS, cylinder_inertia, 
 from maax_mjx.worldgen import Floor, Geom
 
 MASS = 1.0
-"""kg."""
+"""Kilograms."""
 
 
 class CylinderSize:
     """Diameter and height of upright cylinders.
 
     Args:
-        kind: of entity; the parameters are `<kind>_diameter` and `<kind>_height`.
+        kind: kind of entity; the parameters are `<kind>_diameter` and `<kind>_height`.
         diameter: metres, or a range.
         height: metres, or a range.
 
@@ -43,26 +43,26 @@ class CylinderSize:
 
     @property
     def ranges(self) -> list[Ranged]:
-        """Both."""
+        """The diameter and the height."""
         return [self.diameter, self.height]
 
     @property
     def varies(self) -> bool:
-        """Whether worlds can differ in it."""
+        """Whether worlds differ in the size."""
         return self.diameter.varies or self.height.varies
 
     @property
     def largest(self) -> np.ndarray:
-        """(3,) extents in metres."""
+        """Largest extents (3,) in metres."""
         return np.array([self.diameter.high, self.diameter.high, self.height.high], np.float32)
 
     def make(self, name: str, friction: float | None = None) -> Geom:
-        """A cylinder of the largest size."""
+        """Returns a cylinder of the largest size."""
         size = (self.diameter.high, self.height.high)
         return Geom("cylinder", size, name=name, mass=MASS, friction=friction, rgba=(0.55, 0.45, 0.7, 1.0))
 
     def draw(self, draw: Callable[[Ranged], jax.Array]) -> jax.Array:
-        """(n, 3) extents in metres, where `draw` gives (n,) numbers of a range."""
+        """Returns extents (n, 3) in metres, where `draw` gives (n,) numbers of a range."""
         diameter, height = draw(self.diameter), draw(self.height)
         return jnp.stack([diameter, diameter, height], axis=1)
 
@@ -70,16 +70,17 @@ class CylinderSize:
 class Cylinders(Entities):
     """Upright cylinders of 1 kg that agents can push.
 
-    MJX's own JAX physics has no contacts between a cylinder and a box, a wall or a ramp; `impl="jax"` refuses one
-    beside any of these, `warp` and `c` take it.
+    MJX's own JAX physics has no contacts between a cylinder and a box, a wall or a ramp. `impl="jax"` refuses a
+    cylinder together with any of these; `warp` and `c` accept it.
 
     Args:
-        n: how many per world, or (low, high); drawn uniformly.
+        n: number per world, or (low, high); drawn uniformly.
         diameter: metres, or a range.
         height: metres, or a range.
         placement_fn: one function for all, or a list with one per slot.
         friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
-        per_object: whether every cylinder draws its own from the ranges, or all of a world share one draw, as OpenAI's.
+        per_object: whether every cylinder draws its own values from ranges; otherwise all of a world share one draw, as
+            in OpenAI's games.
 
     Raises:
         ValueError: a negative or reversed count, or a size that is not positive.
@@ -130,7 +131,7 @@ class Cylinders(Entities):
         return set_masses(fields, self.body_ids, self.qvel_ids, mass, cylinder_inertia(mass, places.extents))
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """Adds `cylinder_size` (n_max, 3) where worlds differ in it: diameter, diameter and height in metres."""
+        """Adds `cylinder_size` (n_max, 3), if worlds differ in it: diameter, diameter and height in metres."""
         return super().observation_step(world, data) | _observed_size(self, world)
 
     def declared(self) -> dict[str, Observed]:
@@ -140,16 +141,17 @@ class Cylinders(Entities):
 class StaticCylinders(Placed):
     """Upright cylinders that are fixed to the floor where they are placed (OpenAI's shelter game protects one).
 
-    MJX's own JAX physics has no contacts between a cylinder and a box or a ramp; `impl="jax"` refuses one beside any of
-    these, `warp` and `c` take it.
+    MJX's own JAX physics has no contacts between a cylinder and a box or a ramp. `impl="jax"` refuses a cylinder
+    together with any of these; `warp` and `c` accept it.
 
     Args:
-        n: how many per world, or (low, high); drawn uniformly.
+        n: number per world, or (low, high); drawn uniformly.
         diameter: metres, or a range.
         height: metres, or a range.
         placement_fn: one function for all, or a list with one per slot.
         friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
-        per_object: whether every cylinder draws its own from the ranges, or all of a world share one draw, as OpenAI's.
+        per_object: whether every cylinder draws its own values from ranges; otherwise all of a world share one draw, as
+            in OpenAI's games.
 
     Raises:
         ValueError: a negative or reversed count, or a size that is not positive.
@@ -193,7 +195,7 @@ class StaticCylinders(Placed):
 
     @from_model
     def geom_ids(self) -> np.ndarray:
-        """(n_max,) their geoms."""
+        """Geom ids (n_max,)."""
         return np.array([self.model.geom(name).id for name in self.names], int)
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
@@ -202,7 +204,7 @@ class StaticCylinders(Placed):
             floor.append(self.size.make(name, friction).mark_static(), "parking", (0.5, 0.5))
 
     def draw(self, ranged: Ranged, key: jax.Array, params: DomainParams) -> jax.Array:
-        """(n_max,) of a number that may be a range."""
+        """Draws (n_max,) values of a number or range."""
         return ranged.draw(key, params, self.n_max, shared=not self.per_object)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
@@ -219,10 +221,10 @@ class StaticCylinders(Placed):
         return layout.replace(fields=fields)
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """`static_cylinder_pos` (n_max, 3) centres in metres and `static_cylinder_mask` (n_max,).
+        """Returns `static_cylinder_pos` (n_max, 3), centres in metres, and `static_cylinder_mask` (n_max,).
 
-        `static_cylinder_size` (n_max, 3), where worlds differ in it: diameter, diameter and height in metres. Absent
-        ones are zero.
+        If worlds differ in size, also `static_cylinder_size` (n_max, 3): diameter, diameter and height in metres.
+        Absent cylinders are zero.
         """
         if not self.n_max:
             return {}
@@ -243,7 +245,7 @@ def _declared_size(module: Cylinders | StaticCylinders) -> dict[str, Observed]:
 
 
 def _observed_size(module: Cylinders | StaticCylinders, world: World) -> dict[str, jax.Array]:
-    """`<kind>_size` (n_max, 3) where worlds differ in it; absent ones are zero."""
+    """Returns `<kind>_size` (n_max, 3) in metres, if worlds differ in it; absent cylinders are zero."""
     if not module.sizes_vary:
         return {}
     active = world.active[module.kind]

@@ -1,4 +1,4 @@
-"""Numbers and directions of the elongated boxes or sites of a world (OpenAI's rule)."""
+"""Drawing which boxes or sites of a world are elongated, and along which axis (OpenAI's rule)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from maax_mjx.common.keys import draw_integer, named_key
 from maax_mjx.common.params import DomainParams, Parameter
 
 LONG, THIN = 3.3, 0.3
-"""Factors of an elongated object's length and width: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""
+"""Factors of length and width of an elongated object: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""
 
 
 class Elongated:
-    """The elongated ones among `n_max` objects: the first, and of these those along x first.
+    """The elongated objects among `n_max`: they come first, and those along x first among them.
 
     Args:
-        name: of the argument and of the parameter.
-        count: how many there are, or (low, high), as far as a world has so many objects.
-        n_max: how many objects there can be.
+        name: name of the argument and of the parameter.
+        count: number, or (low, high); at most as many as a world has objects.
+        n_max: largest number of objects.
 
     Raises:
-        ValueError: a negative or reversed count, or more than there are objects.
+        ValueError: a negative or reversed count, or more than `n_max`.
     """
 
     def __init__(self, name: str, count: int | tuple[int, int], n_max: int):
@@ -34,21 +34,21 @@ class Elongated:
 
     @property
     def possible(self) -> bool:
-        """Whether there can be any."""
+        """Whether there can be any elongated objects."""
         return self.count[1] > 0
 
     @property
     def parameters(self) -> list[Parameter]:
-        """Their number, where there can be any."""
+        """The parameter of their number, if there can be any."""
         return [Parameter(self.name, self.count, (0, self.count[1]))] if self.possible else []
 
     def largest(self, extent: np.ndarray) -> np.ndarray:
-        """(n_max, 3) the extents that take the most room, of objects whose square ones have `extent` (3,)."""
+        """Returns the extents (n_max, 3) that take the most room, where square objects have `extent` (3,)."""
         slot = np.arange(self.n_max)[:, None]
         return extent * np.where(slot < self.count[1], (LONG, THIN, 1.0), 1.0)
 
     def draw(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
-        """(n_max, 3) factors of the extents: any number of the elongated lie along x, the others along y."""
+        """Draws factors (n_max, 3) of the extents: any number of the elongated lie along x, the others along y."""
         if not self.possible:
             return jnp.ones((self.n_max, 3))
         count_key, along_key = jax.random.split(named_key(key, "elongated"))

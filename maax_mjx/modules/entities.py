@@ -1,4 +1,4 @@
-"""Movable things that a world holds a drawn number of: agents, boxes, ramps, cylinders."""
+"""Movable things, of which a world has a drawn number: agents, boxes, ramps, cylinders."""
 
 from __future__ import annotations
 
@@ -22,25 +22,26 @@ from maax_mjx.worldgen import Floor, Obj
 
 
 class Entities(Placed):
-    """A kind of movable object. Slots beyond the drawn count stay parked above the arena, weightless and masked.
+    """A kind of movable object. Slots beyond the drawn number are parked above the arena, weightless and masked.
 
     A subclass sets `kind` and implements `make`.
 
     Attributes:
-        rest_depth: how deep in the floor one starts, in metres, which is how deep a soft contact holds it under earth's
-            gravity. Put down at exactly zero it would be in contact or fall by the last bit of a float, and no two
-            engines would agree on its first steps.
-        contacts_each: contact points of one in a jam, on MJX, which gives some points twice. In 128 worlds of M, jammed
-            for 1,000 steps under full force at -50 m/s^2, the most were 23, of 31 that this makes.
+        rest_depth: metres by which an entity starts in the floor, which is how deep a soft contact holds it under
+            earth's gravity. Placed at exactly zero it would touch or fall by the last bit of a float, and engines would
+            not agree on its first steps.
+        contacts_each: contact points per entity in a jam, on MJX, which reports some points twice. In 128 worlds of the
+            benchmarks' environment M, jammed for 1,000 steps under full force at -50 m/s^2, there were 23 at most; this
+            allows 31.
 
     Args:
-        count: how many per world, or (low, high).
-        extent: (x, y, z) of one in metres, at the largest.
-        placement_fn: where they go: one function for all, or a list with one for each slot.
+        count: number per world, or (low, high).
+        extent: largest extents (x, y, z) of one entity in metres.
+        placement_fn: one function for all, or a list with one per slot.
         friction: sliding friction, or a range of it; None keeps MuJoCo's default of 1.
-        free: whether `make` gives a free joint rather than slides x, y, z and a yaw hinge.
-        random_yaw: whether each starts turned by a uniformly random angle; else all at yaw 0.
-        per_object: whether every object draws its own from the ranges, or all of a world share one draw.
+        free: whether `make` gives a free joint instead of slides x, y, z and a yaw hinge.
+        random_yaw: whether each starts at a uniformly random yaw; otherwise all at 0.
+        per_object: whether every entity draws its own values from ranges; otherwise all of a world share one draw.
     """
 
     rest_depth = 1.08e-4
@@ -70,12 +71,12 @@ class Entities(Placed):
         self.per_object = per_object
 
     def make(self, name: str) -> Obj:
-        """A new object of this kind for the tree."""
+        """Returns a new object of this kind for the object tree."""
         raise NotImplementedError
 
     @property
     def ranges(self) -> list[Ranged]:
-        """The numbers of these that can be ranges, besides how many there are."""
+        """The numbers of these entities that can be ranges, except their count."""
         return [self.friction] if self.friction else []
 
     @property
@@ -88,7 +89,7 @@ class Entities(Placed):
 
     @property
     def friction_rows(self) -> Overlay:
-        """The rows of their friction, where it is drawn."""
+        """Overlay rows of their friction, if it is drawn."""
         varies = self.friction is not None and self.friction.varies
         return {"geom_friction": self.all_geom_ids} if varies else {}
 
@@ -106,15 +107,15 @@ class Entities(Placed):
                 geom.friction[0] = self.friction.high
 
     def geoms_of(self, spec: mujoco.MjSpec, name: str) -> list[mujoco.MjsGeom]:
-        """The geoms of one object."""
+        """Returns the geoms of one entity."""
         return list(spec.body(name).geoms)
 
     @from_model
     def body_ids(self) -> np.ndarray:
-        """(n_max,) the bodies.
+        """Body ids (n_max,).
 
         Raises:
-            ValueError: `make` gave a body inside another.
+            ValueError: `make` returned nested bodies.
         """
         ids = np.array([self.model.body(name).id for name in self.names], int)
         nested = np.isin(self.model.body_parentid, ids)
@@ -125,38 +126,38 @@ class Entities(Placed):
 
     @from_model
     def geom_ids(self) -> np.ndarray:
-        """(n_max,) the geom of each that has its name."""
+        """Geom id of each entity's namesake, (n_max,)."""
         return np.array([self.model.geom(name).id for name in self.names], int)
 
     @from_model
     def _geoms_of_slots(self) -> list[np.ndarray]:
-        # An entity of a user's own may have several geoms, the body's namesake among them.
+        # A user's entity may have several geoms, including the body's namesake.
         return [np.flatnonzero(self.model.geom_bodyid == body) for body in self.body_ids]
 
     @from_model
     def all_geom_ids(self) -> np.ndarray:
-        """(n_geoms,) all geoms, in the order of the slots."""
+        """Ids of all geoms (n_geoms,), in the order of the slots."""
         return np.concatenate([np.zeros(0, int), *self._geoms_of_slots])
 
     @from_model
     def slot_of_geom(self) -> np.ndarray:
-        """(n_geoms,) the slot of each of `all_geom_ids`."""
+        """Slot of each of `all_geom_ids`, (n_geoms,)."""
         return np.repeat(np.arange(self.n_max), [len(ids) for ids in self._geoms_of_slots])
 
     @from_model
     def qpos_ids(self) -> np.ndarray:
-        """(n_max, 4) where x, y, z and yaw are in `qpos`; (n_max, 7) with free joints: position and quaternion."""
+        """Indices (n_max, 4) of x, y, z and yaw in `qpos`; (n_max, 7) of position and quaternion with free joints."""
         first = [joint.qposadr[0] for joint in self._first_joints()]
         return _consecutive(first, 7 if self.free else 4)
 
     @from_model
     def qvel_ids(self) -> np.ndarray:
-        """(n_max, 4) where the velocities of x, y, z and yaw are in `qvel`; (n_max, 6) with free joints."""
+        """Indices (n_max, 4) of the velocities of x, y, z and yaw in `qvel`; (n_max, 6) with free joints."""
         first = [joint.dofadr[0] for joint in self._first_joints()]
         return _consecutive(first, 6 if self.free else 4)
 
     def _first_joints(self) -> list[Any]:
-        # x, y, z and yaw follow each other in qpos and qvel, as a free joint's parts do.
+        # x, y, z and yaw are consecutive in qpos and qvel, as the parts of a free joint are.
         return [self.model.joint(f"{name}:{'free' if self.free else 'x'}") for name in self.names]
 
     def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
@@ -174,11 +175,11 @@ class Entities(Placed):
         return layout.replace(qpos=qpos, fields=fields)
 
     def draw(self, ranged: Ranged, key: jax.Array, params: DomainParams) -> jax.Array:
-        """(n_max,) of a number that may be a range."""
+        """Draws (n_max,) values of a number or range."""
         return ranged.draw(key, params, self.n_max, shared=not self.per_object)
 
     def draw_fields(self, key: jax.Array, fields: Fields, params: DomainParams, places: Places) -> Fields:
-        """The model fields with what this world draws of masses, frictions and sizes."""
+        """Returns the model fields with this world's draws of masses, frictions and sizes."""
         if self.friction is None or not self.friction.varies:
             return fields
         sliding = self.draw(self.friction, key, params)
@@ -186,8 +187,9 @@ class Entities(Placed):
         return fields | {"geom_friction": frictions}
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """`<kind>_obs` (n_max, 9): position, cos and sin of yaw, velocities; with free joints (n_max, 15): position,
-        the first two columns of the rotation matrix, velocities. `<kind>_mask` (n_max,). Absent ones are zero.
+        """Returns `<kind>_obs` (n_max, 9): position, cos and sin of yaw, velocities; with free joints (n_max, 15):
+        position, the first two columns of the rotation matrix, velocities. `<kind>_mask` (n_max,). Absent entities are
+        zero.
         """
         if not self.n_max:
             return {}
@@ -204,11 +206,11 @@ class Entities(Placed):
         }
 
     def declared_columns(self) -> tuple[Column, ...]:
-        """What `observation_columns` gives."""
+        """Returns the declarations of `observation_columns`."""
         return (*POSITION, *ROTATION, *VELOCITY, *SPINS) if self.free else (*POSITION, *TURN, *VELOCITY, *SPIN)
 
     def observation_columns(self, world: World, data: Data) -> list[jax.Array]:
-        """The columns of `<kind>_obs`, (n_max, k) each."""
+        """Returns the columns of `<kind>_obs`, (n_max, k) each."""
         qpos, qvel = data.qpos[self.qpos_ids], data.qvel[self.qvel_ids]
         if self.free:
             turn = _first_columns(qpos[:, 3:])
@@ -218,12 +220,12 @@ class Entities(Placed):
 
 
 def _consecutive(first: Sequence[int], n: int) -> np.ndarray:
-    """(len(first), n) numbers that follow each of `first`."""
+    """Returns (len(first), n) consecutive numbers from each of `first` on."""
     return np.array([start + np.arange(n) for start in first], int).reshape(-1, n)
 
 
 def _first_columns(quat: jax.Array) -> jax.Array:
-    """(n, 6): the first two columns of the rotation matrices of unit quaternions (n, 4)."""
+    """Returns the first two columns (n, 6) of the rotation matrices of unit quaternions (n, 4)."""
     w, x, y, z = quat.T
     first = [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
     second = [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)]

@@ -1,4 +1,4 @@
-"""Values that follow from the compiled model: worked out when they are first read, and again for another model."""
+"""Properties that are derived from the compiled model, cached per model."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ T = TypeVar("T")
 
 
 class Built(Protocol):
-    """Something that hangs on a compiled model.
+    """An object that depends on a compiled model.
 
     Attributes:
-        build: an object that stands for one composition of modules; another after one was added.
+        build: token of one composition of modules; another one after a module was added.
     """
 
     @property
@@ -20,9 +20,9 @@ class Built(Protocol):
 
 
 class from_model(Generic[T]):
-    """A property that is worked out once for every model, which reading it builds where that was not done yet.
+    """A property that is computed once per model; reading it builds the model if needed.
 
-    Decorates methods of modules and environments, which read `self.model` and what else hangs on it:
+    Decorates methods of modules and environments that read `self.model` or anything derived from it:
 
         class Door(Module):
             @from_model
@@ -30,9 +30,9 @@ class from_model(Generic[T]):
                 return self.model.joint("door:hinge").qposadr[0]
     """
 
-    def __init__(self, work_out: Callable[[Any], T]):
-        self._work_out = work_out
-        self.__doc__ = work_out.__doc__
+    def __init__(self, compute: Callable[[Any], T]):
+        self._compute = compute
+        self.__doc__ = compute.__doc__
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._slot = f"_from_model_{name}"
@@ -46,11 +46,11 @@ class from_model(Generic[T]):
             return self
         build, found = instance.build, instance.__dict__.get(self._slot)
         if found is None or found[0] is not build:
-            found = build, self._work_out(instance)
+            found = build, self._compute(instance)
             instance.__dict__[self._slot] = found
         return found[1]
 
 
-def without_worked_out(attributes: dict[str, Any]) -> dict[str, Any]:
-    """An object's attributes but for what `from_model` keeps among them: what a copy of it takes over."""
+def without_cached(attributes: dict[str, Any]) -> dict[str, Any]:
+    """Returns an object's attributes without the values that `from_model` caches, for a copy of the object."""
     return {name: value for name, value in attributes.items() if not name.startswith("_from_model_")}

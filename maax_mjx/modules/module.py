@@ -11,16 +11,16 @@ import mujoco
 from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, World
-from maax_mjx.modules.from_model import without_worked_out
+from maax_mjx.modules.from_model import without_cached
 from maax_mjx.physics import Data, Overlay
 from maax_mjx.worldgen import Floor
 
 BELOW = -10.0
-"""Height of what is absent and cannot be moved, in metres: deep below the floor."""
+"""Metres of height at which absent things without joints are put, deep below the floor."""
 
 
 class Owner(Protocol):
-    """What modules are added to: `Base`."""
+    """The environment that modules are added to: `Base`."""
 
     @property
     def build(self) -> object: ...
@@ -32,10 +32,10 @@ class Module:
     """A part of a world. Subclass it for your own; every hook has a default that adds nothing.
 
     Attributes:
-        name: unique within an environment; it seeds the module's draws, so that modules stay independent.
+        name: name, unique within an environment; it seeds the module's draws, so that modules stay independent.
         provides_quadrant: whether the module's room plan has a quadrant.
         requires_quadrant: whether it places things by the quadrant.
-        limits_arena: whether the joints of what can move are to end at the edge of the floor.
+        limits_arena: whether the joints of movable entities end at the edge of the floor.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Module:
         """The environment that this module was added to.
 
         Raises:
-            RuntimeError: none yet.
+            RuntimeError: the module is in no environment yet.
         """
         if self._owner is None:
             mine = type(self).__name__
@@ -58,7 +58,7 @@ class Module:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The compiled model that this module is in; reading it builds the environment.
+        """The compiled model of the module's environment; reading it builds the environment.
 
         Raises:
             RuntimeError: the module is in no environment yet.
@@ -67,14 +67,14 @@ class Module:
 
     @property
     def build(self) -> object:
-        """What stands for the composition that `from_model` properties belong to."""
+        """The token of the composition that `from_model` properties belong to."""
         return self.owner.build
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Module:
-        """A copy that belongs to the copy of its environment, or to none."""
+        """Copies the module, as a part of its environment's copy or of no environment."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
-        for name, value in without_worked_out(vars(self)).items():
+        for name, value in without_cached(vars(self)).items():
             if name != "_owner":
                 setattr(twin, name, copy.deepcopy(value, memo))
         twin._owner = memo.get(id(self._owner))
@@ -82,7 +82,7 @@ class Module:
 
     @property
     def parameters(self) -> list[Parameter]:
-        """The randomisation parameters that this module adds to `DomainParams`."""
+        """The randomisation parameters that the module adds to `DomainParams`."""
         return []
 
     @property
@@ -92,48 +92,48 @@ class Module:
 
     @property
     def idle_equalities(self) -> int:
-        """How many of its equalities are never active together with the others: no engine makes room for them."""
+        """Number of its equalities that are never active together with the others: engines make no room for them."""
         return 0
 
     @property
     def contact_points(self) -> float:
-        """How many contact points its entities need in a jam, for the engines' capacities."""
+        """Contact points that its entities need in a jam, for the engines' capacities."""
         return 0
 
     @property
     def extents(self) -> list[tuple[float, float]]:
-        """(x, y) extents in metres of every object that it places, at the maximum."""
+        """Largest extents (x, y) in metres of every object that it places."""
         return []
 
     def wall_cells(self, grid_size: int) -> int:
-        """How many cells its walls take, at the most."""
+        """Returns the largest number of cells that its walls take."""
         return 0
 
     def quadrant_cells(self, grid_size: int) -> int:
-        """How many cells its quadrant has, at the least."""
+        """Returns the smallest number of cells of its quadrant."""
         return 0
 
     def check(self, grid_size: int, floor_size: float) -> None:
-        """Refuses arguments that do not fit the floor, of at least `floor_size` metres.
+        """Refuses arguments that do not fit the smallest floor, of `floor_size` metres.
 
         Raises:
-            ValueError: naming the argument.
+            ValueError: such an argument; the message names it.
         """
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
-        """Host: appends the largest number of everything to the floor."""
+        """Adds the largest number of everything to the floor, on the host."""
 
     def spec_step(self, spec: mujoco.MjSpec) -> None:
-        """Host: changes the spec that the tree became, before it is compiled."""
+        """Changes the spec before it is compiled, on the host."""
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
-        """Device: draws and places. Counts depend on `key` alone, places on `layout.attempt` too."""
+        """Draws and places, on the device. Counts depend only on `key`, places also on `layout.attempt`."""
         return layout
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """Device: this module's observations by name."""
+        """Returns the module's observations by name, on the device."""
         return {}
 
     def declared(self) -> dict[str, Observed]:
-        """What the arrays of `observation_step` are: their axes and columns, and who sees them."""
+        """Returns the declarations of the arrays of `observation_step`."""
         return {}

@@ -20,31 +20,34 @@ from maax_mjx.physics.overlay import SIZE_FIELDS, box_inertia, mass_rows, set_bo
 from maax_mjx.worldgen import Geom, Obj, Wedge
 
 RAMP_SIZE = 0.5
+"""Metres."""
 RAMP_MASS = 1.0
+"""Kilograms."""
 
 
 class Boxes(Entities):
     """Cubes, and elongated boxes (3.3 times as long, 0.3 times as wide, along x or y), that agents can push.
 
-    Of the boxes of a world the first are elongated, and of these the first lie along x. How many is drawn by OpenAI's
-    rule: the boxes from `n_boxes`, of these the elongated from `n_elongated_boxes` as far as there are boxes, of those
-    any number along x.
+    The elongated boxes of a world come first, and those along x first among them. Numbers are drawn by OpenAI's rule:
+    all boxes from `n_boxes`, the elongated ones from `n_elongated_boxes`, at most all boxes, and any number of these
+    along x.
 
     Args:
-        n_boxes: how many per world, or (low, high); drawn uniformly.
-        n_elongated_boxes: how many of them are elongated, or (low, high).
+        n_boxes: number per world, or (low, high); drawn uniformly.
+        n_elongated_boxes: number of elongated boxes, or (low, high).
         placement_fn: one function for all, or a list with one per slot.
         box_size: edge length in metres, or a range.
-        box_mass: kg, or a range; it does not follow the size. Inertia follows both.
-        box_friction: sliding friction, or a range; None keeps MuJoCo's default of 1. Of two things in contact, MuJoCo
-            takes the larger friction.
-        free: a free joint instead of slides x, y, z and a yaw hinge.
-        box_only_z_rot: False is OpenAI's way to ask for boxes that turn any way: the same as `free=True`.
-        random_yaw: whether each starts turned by a uniformly random angle.
-        per_object: whether every box draws its own size, mass and friction, or all of a world share theirs.
+        box_mass: kg, or a range, independent of the size. Inertia depends on both.
+        box_friction: sliding friction, or a range; None keeps MuJoCo's default of 1. MuJoCo uses the larger one of two
+            geoms in contact.
+        free: whether boxes have a free joint instead of slides x, y, z and a yaw hinge.
+        box_only_z_rot: OpenAI's argument; False lets boxes turn about all axes, the same as `free=True`.
+        random_yaw: whether each starts at a uniformly random yaw.
+        per_object: whether every box draws its own size, mass and friction; otherwise all of a world share one draw.
         boxid_obs: whether `box_obs` has a column with the box's index.
-        boxsize_obs: whether it has three with the box's extents; None is where worlds differ in them.
-        polar_obs: whether `box_obs` has cos and sin of the yaw, or the yaw itself; free boxes have neither.
+        boxsize_obs: whether `box_obs` has three columns with the box's extents; None adds them if worlds differ in
+            them.
+        polar_obs: whether `box_obs` has cos and sin of the yaw instead of the yaw itself; free boxes have neither.
 
     Raises:
         ValueError: a negative or reversed count, or a size or mass that is not positive.
@@ -136,7 +139,7 @@ class Boxes(Entities):
         return (*columns, *SIZE) if self.boxsize_obs else columns
 
     def observation_columns(self, world: World, data: Data) -> list[jax.Array]:
-        """Adds to those of `Entities` the index and the extents if asked for; without `polar_obs` yaw is one column."""
+        """Adds to the columns of `Entities` index and extents, if asked for; without `polar_obs` yaw is one column."""
         position, turn, velocity = super().observation_columns(world, data)
         if not self.polar_obs:
             turn = data.qpos[self.qpos_ids[:, 3:]]
@@ -150,12 +153,12 @@ class Ramps(Entities):
     """Wedges of 0.5 m that rise at 45 degrees towards their -y edge.
 
     Args:
-        n_ramps: how many per world, or (low, high); drawn uniformly.
+        n_ramps: number per world, or (low, high); drawn uniformly.
         placement_fn: one function for all, or a list with one per slot.
         ramp_friction: sliding friction, or a range; None keeps MuJoCo's default of 1.
-        free: a free joint instead of slides x, y, z and a yaw hinge.
-        random_yaw: whether each starts turned by a uniformly random angle.
-        per_object: whether every ramp draws its own friction, or all of a world share it.
+        free: whether ramps have a free joint instead of slides x, y, z and a yaw hinge.
+        random_yaw: whether each starts at a uniformly random yaw.
+        per_object: whether every ramp draws its own friction; otherwise all of a world share one draw.
 
     Raises:
         ValueError: a negative or reversed count.

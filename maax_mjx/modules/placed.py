@@ -1,4 +1,4 @@
-"""Things of which a world holds a drawn number, each at a place of its own."""
+"""Placed objects, of which a world has a drawn number."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from maax_mjx.modules.module import Module
 
 
 class Places(struct.PyTreeNode):
-    """Where the objects of one module went.
+    """The places of one module's objects.
 
     Attributes:
         centre: (n_max, 2) metres.
         yaw: (n_max,) radians.
         extents: (n_max, 3) metres along the objects' own axes.
-        active: (n_max,) bool, which were wanted and found a place.
+        active: (n_max,) bool, which objects were drawn and found a place.
     """
 
     centre: jax.Array
@@ -37,17 +37,17 @@ class Placed(Module):
     """Objects of one kind. A subclass sets `kind` and implements `write`.
 
     Args:
-        count: how many per world, or (low, high).
-        placement_fn: where they go: one function for all, or a list with one for each slot.
-        random_yaw: whether each is turned by a uniformly random angle; else all are at yaw 0.
+        count: number per world, or (low, high).
+        placement_fn: one function for all, or a list with one per slot.
+        random_yaw: whether each starts at a uniformly random yaw; otherwise all at 0.
 
     Attributes:
-        kind: the name of the kind in the singular, such as "box": of the module, of its bodies ("box0"), of its
+        kind: name of the kind in the singular, such as "box": of the module, of its bodies ("box0"), of its
             observations, and of the axis that counts them.
-        count_name: of the parameter that is their number; "n_<kind>s" unless a subclass sets it.
-        n_max: how many slots there are.
-        extent: (3,) the largest extents of one in metres.
-        is_round: whether turning one leaves its footprint as it is.
+        count_name: name of the parameter of their number; "n_<kind>s" unless a subclass sets it.
+        n_max: number of slots.
+        extent: (3,) metres, the largest extents of one object.
+        is_round: whether its footprint is the same at every yaw.
     """
 
     kind: str
@@ -73,12 +73,12 @@ class Placed(Module):
 
     @property
     def counts(self) -> dict[str, tuple[int, int]]:
-        """The least and the most of these objects by parameter; slots in this order."""
+        """Smallest and largest number of objects by parameter, in the order of the slots."""
         return {self.count_name: self.count}
 
     @property
     def plural(self) -> str:
-        """What several are called, such as "boxes"."""
+        """The kind's plural, such as "boxes"."""
         return self.count_name.removeprefix("n_")
 
     @property
@@ -92,7 +92,7 @@ class Placed(Module):
 
     @property
     def largest(self) -> np.ndarray:
-        """(n_max, 3) the largest extents in metres of every slot."""
+        """Largest extents (n_max, 3) of every slot, in metres."""
         return np.broadcast_to(self.extent, (self.n_max, 3))
 
     @property
@@ -102,28 +102,28 @@ class Placed(Module):
 
     @property
     def sizes_vary(self) -> bool:
-        """Whether worlds differ in these objects' sizes."""
+        """Whether worlds differ in the objects' sizes."""
         return False
 
     def extents_of(self, world: World) -> jax.Array:
-        """(n_max, 3) extents in metres along the objects' own axes, in a world."""
+        """Returns the extents (n_max, 3) of a world's objects along their own axes, in metres."""
         return world.extents[self.kind] if self.sizes_vary else jnp.asarray(self.largest, float)
 
     def draw_wanted(self, key: jax.Array, params: DomainParams) -> jax.Array:
-        """(n_max,) bool: which slots this world has."""
+        """Draws which slots this world uses: (n_max,) bool."""
         counts = params.draw_counts(key, self.counts)
         return jnp.concatenate([jnp.arange(most) < counts[i] for i, (_, most) in enumerate(self.counts.values())])
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
-        """(n_max, 3) this world's extents in metres."""
+        """Draws this world's extents (n_max, 3), in metres."""
         return jnp.asarray(self.largest, float)
 
     def write(self, key: jax.Array, layout: Layout, params: DomainParams, places: Places) -> Layout:
-        """Writes what was placed into the layout."""
+        """Writes the placed objects into the layout."""
         raise NotImplementedError
 
     def seeds(self, key: jax.Array, layout: Layout) -> jax.Array:
-        """(n_max, 3) uint32 for `Layout.place`, every slot's own: the same whatever the maximum."""
+        """Returns (n_max, 3) uint32 seeds for `Layout.place`, one row per slot, independent of the maximum."""
         return layout.seeds(key, self.n_max)
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
@@ -146,7 +146,7 @@ class Placed(Module):
         return self.write(key, layout, params, places)
 
     def _draw_yaw(self, key: jax.Array, layout: Layout) -> jax.Array:
-        """(n_max,) radians in [0, 2 pi); zeros unless `random_yaw`."""
+        """Draws yaws (n_max,) in [0, 2 pi) radians; zeros unless `random_yaw`."""
         if not self.random_yaw:
             return jnp.zeros(self.n_max)
         bits = self.seeds(named_key(key, "yaw"), layout)[:, 0]
@@ -154,7 +154,7 @@ class Placed(Module):
 
 
 def turned_extents(extents: jax.Array, yaw: jax.Array) -> jax.Array:
-    """(n, 2) extents along x and y of the bounding boxes of boxes (n, 3) turned by yaw (n,) radians; metres."""
+    """Returns extents (n, 2) in metres of the bounding boxes of boxes (n, 3) turned by yaw (n,) radians."""
     x, y = extents[:, 0], extents[:, 1]
     cos, sin = jnp.abs(jnp.cos(yaw)), jnp.abs(jnp.sin(yaw))
     return jnp.stack([cos * x + sin * y, sin * x + cos * y], axis=1)

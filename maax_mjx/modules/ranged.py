@@ -1,4 +1,4 @@
-"""A number that a module takes fixed, or as a range to draw from."""
+"""Numbers that are fixed, or a range to draw from."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from maax_mjx.common.params import DomainParams, Parameter
 class Ranged:
     """A fixed number, or a range that is a randomisation parameter.
 
-    A fixed number is compiled into the model and costs nothing; a range makes worlds differ in it.
+    A fixed number is compiled into the model and costs nothing; a range makes the number differ between worlds.
 
     Args:
-        name: of the parameter.
-        value: a number, or (low, high), which is also as far as params can move it.
-        low, high: what it may be.
-        above: whether `low` itself is left out.
-        argument: what the value was passed as, if it is not called as the parameter is.
+        name: name of the parameter.
+        value: a number, or (low, high), which is also the parameter's bound.
+        low, high: smallest and largest allowed value.
+        above: whether `low` itself is excluded.
+        argument: name of the argument in messages, if it differs from the parameter's.
 
     Raises:
         ValueError: a value outside [low, high], or a reversed range.
@@ -43,14 +43,14 @@ class Ranged:
 
     @property
     def parameters(self) -> list[Parameter]:
-        """The parameter that a range is; none of a fixed number."""
+        """The parameter of a range; none for a fixed number."""
         pair = (self.low, self.high)
         return [Parameter(self.name, pair, pair)] if self.varies else []
 
     def draw(self, key: jax.Array, params: DomainParams, n: int, *, shared: bool = False) -> jax.Array:
-        """(n,) numbers, uniform over the parameter's range: each its own, or one for all of them.
+        """Draws (n,) numbers, uniform over the parameter's range: one for each, or one for all.
 
-        Drawn from a key of its own: what else a module draws does not move it.
+        The draw has its own key, independent of the module's other draws.
         """
         if not self.varies:
             return jnp.full(n, self.low)

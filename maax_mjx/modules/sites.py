@@ -23,15 +23,15 @@ CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) / 2
 
 
 class Sites(Placed):
-    """Things of a place and a size, without a body.
+    """Marks that have a place and a size, but no body.
 
-    They take their cells, so that nothing else starts on them. A subclass sets `kind` and `rgba`.
+    They occupy their cells, so that nothing else starts on them. A subclass sets `kind` and `rgba`.
 
     Args:
-        count: how many per world, or (low, high).
-        extent: (x, y, z) in metres.
-        placement_fn: where they go.
-        height: of their centres in metres.
+        count: number per world, or (low, high).
+        extent: extents (x, y, z) in metres.
+        placement_fn: one function for all, or a list with one per slot.
+        height: height of their centres in metres.
     """
 
     rgba: tuple[float, float, float, float]
@@ -61,7 +61,7 @@ class Sites(Placed):
         return layout.replace(sites=layout.sites | {self.kind: pos})
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """`<kind>_pos` (n_max, 3) centres in metres and `<kind>_mask` (n_max,); absent ones are zero."""
+        """Returns `<kind>_pos` (n_max, 3), centres in metres, and `<kind>_mask` (n_max,); absent marks are zero."""
         if not self.n_max:
             return {}
         return {f"{self.kind}_pos": world.sites[self.kind], f"{self.kind}_mask": world.active[self.kind]}
@@ -73,10 +73,10 @@ class Sites(Placed):
 
 
 class Food(Sites):
-    """Food to be found and, with the game's mechanics, eaten.
+    """Pieces of food; eating them is up to the game's mechanics.
 
     Args:
-        n_food: how many pieces per world, or (low, high); drawn uniformly.
+        n_food: number of pieces per world, or (low, high); drawn uniformly.
         food_size: diameter in metres.
         placement_fn: one function for all, or a list with one per slot.
 
@@ -100,15 +100,15 @@ class Food(Sites):
 
 
 class ConstructionSites(Sites):
-    """Where a box is to be brought, and its four corners (OpenAI's blueprint game).
+    """Target places for boxes, with their four corners (OpenAI's blueprint game).
 
-    Elongated sites are 3.3 times as long and 0.3 times as wide, drawn as elongated boxes are.
+    Elongated sites are 3.3 times as long and 0.3 times as wide, drawn like elongated boxes.
 
     Args:
-        n_sites: how many per world, or (low, high); drawn uniformly.
+        n_sites: number per world, or (low, high); drawn uniformly.
         site_size: edge in metres.
         site_height: height of centres and corners in metres.
-        n_elongated_sites: how many of them are elongated, or (low, high).
+        n_elongated_sites: number of elongated sites, or (low, high).
         placement_fn: one function for all, or a list with one per slot.
 
     Raises:
@@ -148,7 +148,7 @@ class ConstructionSites(Sites):
         return jnp.asarray(self.extent) * self.elongated.draw(key, params, wanted)
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """Adds `construction_site_corner_pos` (n_max, 4, 3) to what `Sites` observe."""
+        """Adds `construction_site_corner_pos` (n_max, 4, 3), in metres, to the observations of `Sites`."""
         if not self.n_max:
             return {}
         obs = super().observation_step(world, data)
@@ -167,8 +167,8 @@ class Flags(Sites):
     """The bases of two flags, the first team's and the second's.
 
     Args:
-        placement_fn: a list with a function for each of the two, or one for both; None puts the first into the half of
-            low y and the second into that of high y, where `CaptureTheFlag` wants them.
+        placement_fn: one function for both, or a list with one for each; None puts the first into the half of low y
+            and the second into that of high y, as `CaptureTheFlag` needs.
         base_size: diameter in metres.
 
     Raises:

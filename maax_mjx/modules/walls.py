@@ -28,28 +28,28 @@ OUTER_HEIGHT, INNER_HEIGHT = 4.0, 0.5
 """Metres."""
 OUTER = ("walls", "limits", "none")
 WAY = 0.32
-"""Metres that agents of 0.3 m pass."""
+"""Metres of opening that agents of 0.3 m can pass."""
 
 
 class WallScenarios(Module):
     """Outer walls, and the inner walls of the thesis's room scenarios (thesis 4.3.3), drawn per world.
 
     Walls are geoms of the world body, half a cell thick, on grid lines. An absent piece of wall lies deep below the
-    floor. Where a batch mixes scenarios, all share one compiled model.
+    floor. A batch of mixed scenarios shares one compiled model.
 
     Args:
         scenario: "empty" (outer walls only), "half" (two rooms), "quad" (a quadrant at high x, low y, with a door in
             each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), one of your own
-            (see `layout.register_scenario`), or several of these, of which every world draws one.
+            (see `layout.register_scenario`), or several of these, of which each world draws one.
         door_size: doors in cells; the true opening is one cell and a thickness wider. 0 makes walls without doors.
-        p_door_dropout: how likely it is that only one of a quadrant's walls has a door, or (low, high).
-        probabilities: of the scenarios, where there are several; None is all alike.
-        n_rooms: of "random", or (low, high), drawn uniformly.
-        min_room_size: of "random", in cells: rooms are longer than this on every side that a new wall makes.
-        prob_outside_walls: how likely it is that a world has outer walls, or (low, high).
-        low_outside_walls: outer walls of 0.5 m, as high as inner ones, instead of 4 m.
+        p_door_dropout: probability that only one of a quadrant's walls has a door, or (low, high).
+        probabilities: probabilities of several scenarios; None makes them equal.
+        n_rooms: number of rooms of "random", or (low, high), drawn uniformly.
+        min_room_size: for "random", in cells: rooms are longer than this on every side that a new wall makes.
+        prob_outside_walls: probability that a world has outer walls, or (low, high).
+        low_outside_walls: whether outer walls are 0.5 m high, as inner walls are, instead of 4 m.
         friction: sliding friction of the walls, or a range drawn per world; None keeps MuJoCo's default of 1.
-        outer: what closes the arena: "walls"; "limits", the joint ranges of what can move, which cost no contacts; or
+        outer: how the arena is closed: "walls"; "limits", joint ranges of movable entities, which cost no contacts; or
             "none", an open floor.
 
     Raises:
@@ -114,7 +114,7 @@ class WallScenarios(Module):
 
     @from_model
     def geom_ids(self) -> np.ndarray:
-        """(n_walls,) geoms of the outer walls, and then of both pieces of every inner one."""
+        """Geom ids (n_walls,) of the outer walls, followed by both pieces of every inner wall."""
         return np.array([self.model.geom(f"wall{i}").id for i in range(self.n_walls)], int)
 
     def check(self, grid_size: int, floor_size: float) -> None:
@@ -153,7 +153,7 @@ class WallScenarios(Module):
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
         cell, g = layout.grid.cell, layout.grid.size
-        # What is drawn of counts and kinds keeps to the key, so that redrawing what found no place leaves them alone.
+        # Draws of counts and kinds depend only on the key, so that a redraw of places does not change them.
         which_key, count_key, outer_key, probability_key, place_key = jax.random.split(key, 5)
         place_key = jax.random.fold_in(place_key, layout.attempt)
         which = jnp.zeros((), jnp.int32)
@@ -198,9 +198,9 @@ class WallScenarios(Module):
         )
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
-        """`door_obs` (n_doors, 3): x, y of the middle and the width of every true opening, in metres.
+        """Returns `door_obs` (n_doors, 3): x, y of the middle and the width of every true opening, in metres.
 
-        `door_mask` (n_doors,) where a world may have fewer; absent ones are zero.
+        Also `door_mask` (n_doors,) where a world may have fewer doors; absent doors are zero.
         """
         if not self.n_inner or not self.door_size:
             return {}
@@ -220,7 +220,7 @@ class WallScenarios(Module):
     def _draw_rooms(
         self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams
     ) -> Rooms:
-        """Rooms with their doors, drawn again here where they may fit badly, so that the rest of a layout is not."""
+        """Draws rooms with doors, again where they may fit badly, so that the rest of the layout is not redrawn."""
         tries = max(scenario.tries for scenario in self._drawn)
         if tries == 1:
             return self._draw_once(which, count_key, key, grid_size, params)
@@ -245,14 +245,14 @@ class RandomWalls(WallScenarios):
     """Rooms by recursive splitting, every inner wall with a door (OpenAI's RandomWalls; thesis 4.3.3).
 
     Args:
-        n_rooms: how many, or (low, high), drawn uniformly.
+        n_rooms: number of rooms, or (low, high), drawn uniformly.
         min_room_size: in cells; new walls keep further than this from the corners of the room that they split.
         door_size, prob_outside_walls, low_outside_walls, friction, outer: see `WallScenarios`.
-        random_room_count: draws 1 to `n_rooms` rooms: the same as `n_rooms=(1, n_rooms)`.
+        random_room_count: whether to draw 1 to `n_rooms` rooms: the same as `n_rooms=(1, n_rooms)`.
         outside_walls: False is the same as `outer="none"`.
 
     Raises:
-        ValueError: see `WallScenarios`; or `random_room_count` with a range, or `outside_walls=False` with limits.
+        ValueError: as in `WallScenarios`; also `random_room_count` with a range, or `outside_walls=False` with limits.
     """
 
     def __init__(
@@ -271,7 +271,7 @@ class RandomWalls(WallScenarios):
         if random_room_count:
             n_rooms = (1, check_count("n_rooms", n_rooms, minimum=1))
         if not outside_walls and outer == "limits":
-            raise ValueError("outside_walls: got False beside outer='limits'; takes True there")
+            raise ValueError("outside_walls: got False with outer='limits'; takes True there")
         super().__init__(
             "random",
             door_size,
@@ -297,7 +297,7 @@ def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float,
 
 
 def _box_geometry(rects: jax.Array, heights: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Centres and half extents (n, 3) of walls standing on the floor; absent ones are small, far below it."""
+    """Returns centres and half extents (n, 3) of walls standing on the floor; absent walls are tiny, far below it."""
     low, high = rects[:, :2], rects[:, 2:]
     pos = jnp.concatenate([(low + high) / 2, heights[:, None] / 2], axis=1)
     half = jnp.concatenate([(high - low) / 2, heights[:, None] / 2], axis=1)

@@ -1,4 +1,4 @@
-"""Many worlds at once, on one device or many."""
+"""Batches of worlds, on one device or many."""
 
 from maax_mjx.parallel.checkpoint import Checkpoints
 from maax_mjx.parallel.episodes import WorldsState

@@ -1,4 +1,4 @@
-"""Saved states of a run, on any number of devices, from which it continues bit for bit."""
+"""Saved states of a run, which continues from them bit for bit, on any number of devices."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ STATES, BOX = "states", "tree"
 
 
 class Checkpoints:
-    """A folder of saved states, the newest of which are kept (Orbax).
+    """A folder of saved states that keeps the newest (Orbax).
 
-    A save is complete or it is not there: a run that is killed continues from the last one. Worlds are saved in their
-    order, whatever devices they were on, and restored onto those of any other `Worlds` of as many worlds of the same
-    environment. With the same engine they continue bit for bit as if nothing had happened, but for `warp`, two runs of
-    which differ in the last bits anyway.
+    A save is either complete or absent: a run that is killed continues from the last one. Worlds are saved in their
+    order, whatever devices they were on, and restored onto those of any `Worlds` of the same number and environment.
+    With the same engine they continue bit for bit as if nothing had happened, except with `warp`, whose runs always
+    differ in the last bits.
 
     Args:
-        folder: where; it is made if it is not there.
-        keep: how many saves are kept.
+        folder: the folder, created if it does not exist.
+        keep: number of saves to keep.
 
     Raises:
         ValueError: an argument out of its range.
     """
 
     def __init__(self, folder: str | Path, keep: int = 2):
-        # Takes half a second, which runs without saves need not wait for.
+        # The import takes half a second; runs without saves skip it.
         import orbax.checkpoint as ocp
 
         keep = check_count("keep", keep, minimum=1)
@@ -50,16 +50,16 @@ class Checkpoints:
 
     @property
     def latest(self) -> int | None:
-        """The number of the newest save; None where there is none."""
+        """Number of the newest save; None without saves."""
         return self._manager.latest_step()
 
     def save(self, number: int, worlds: Worlds, states: WorldsState, **others: Any) -> None:
-        """Saves states, and whatever else belongs to the run.
+        """Saves states and anything else that belongs to the run.
 
         Args:
-            number: of this save, such as the env steps taken so far; greater than all before.
-            worlds: what the states are of.
-            states: not donated yet.
+            number: number of this save, such as the env steps taken so far; greater than all before.
+            worlds: the worlds of the states.
+            states: states that are not donated yet.
             others: trees of arrays, such as a network's parameters, an optimiser's state, a key's data.
 
         Raises:
@@ -81,16 +81,16 @@ class Checkpoints:
         """Reads a save.
 
         Args:
-            worlds: onto whose devices; of as many worlds of the same environment as was saved.
-            number: of which save; None is the latest.
-            others: for everything else that was saved and is wanted, a tree of the same shape, such as freshly
-                initialised parameters.
+            worlds: worlds whose devices get the states; as many, and of the same environment, as were saved.
+            number: number of the save; None reads the latest.
+            others: trees of the same shapes as in the save, such as freshly initialised parameters, one for each other
+                item to read.
 
         Returns:
             The states, and a dict of the others.
 
         Raises:
-            FileNotFoundError: there is no such save.
+            FileNotFoundError: no such save.
             ValueError: a save of other worlds.
         """
         number = self.latest if number is None else number
@@ -100,7 +100,7 @@ class Checkpoints:
             raise FileNotFoundError(f"number: got {number}, and {self.folder} {has}")
         like = worlds.states_shape
         wanted = _named(jax.eval_shape(_keyless, like))
-        # Not the manager's: in another process than the one that saved it does not know what there is.
+        # Not the manager's own method: in another process than the one that saved, it does not know the items.
         with _only_errors():
             metadata = self._orbax.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
         self._check_same(wanted, metadata.item_metadata.tree)
@@ -130,12 +130,12 @@ class Checkpoints:
                     "many worlds of the same environment and engine as were saved"
                 )
         if extra := sorted(set(shapes) - set(wanted)):
-            raise ValueError(f"worlds: {self.folder} has {', '.join(extra)} besides; takes the environment of the save")
+            raise ValueError(f"worlds: {self.folder} also has {', '.join(extra)}; takes the environment of the save")
 
 
 @contextmanager
 def _only_errors() -> Iterator[None]:
-    """Without Orbax's warning that an item, unlike a whole save, has no metadata file of its own."""
+    """Silences Orbax's warning that an item, unlike a whole save, has no metadata file of its own."""
     from absl import logging
 
     level = logging.get_verbosity()
@@ -147,7 +147,7 @@ def _only_errors() -> Iterator[None]:
 
 
 def _named(tree: Any) -> dict[str, Any]:
-    """Its leaves by their paths, without the empty ones, which Orbax does not take."""
+    """Returns a tree's leaves by path, without empty ones, which Orbax does not take."""
     return {_name(path): x for path, x in jax.tree.leaves_with_path(tree) if x.size}
 
 
@@ -156,7 +156,7 @@ def _name(path: Any) -> str:
 
 
 def _boxed(others: dict[str, Any]) -> dict[str, Any]:
-    """Each as a dict, since Orbax does not take single arrays."""
+    """Wraps each tree in a dict, since Orbax does not take single arrays."""
     return {name: {BOX: _keyless(tree)} for name, tree in others.items()}
 
 
@@ -165,7 +165,7 @@ def _is_key(x: Any) -> bool:
 
 
 def _keyless(tree: Any) -> Any:
-    """Keys as their data."""
+    """Replaces keys by their data."""
     return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
 
 
@@ -174,7 +174,7 @@ def _as_key(x: Any, like: Any) -> Any:
 
 
 def _target(worlds: Worlds, x: Any) -> Any:
-    """Where a leaf is read to: onto the devices at once where they share an array, else to the host."""
+    """Returns where to read a leaf to: onto the devices if they share an array, else to the host."""
     if worlds.shards.method == "shard_map":
         return jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=NamedSharding(worlds.shards.mesh, P(AXIS)))
     return np.empty(x.shape, x.dtype)

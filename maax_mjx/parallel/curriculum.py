@@ -1,7 +1,7 @@
-"""Curricula: worlds grow harder with success (thesis 3.3; Rudin et al. 2022, game-inspired curriculum).
+"""Curricula that make worlds harder with success (thesis 3.3; Rudin et al. 2022, game-inspired curriculum).
 
-Every world has a level. After an episode it goes up a level if it was a success, and down if it was a failure. A world
-that succeeds at the last level goes on at a random one, so that no level is forgotten.
+Every world has a level. After an episode it goes up a level on success, and down on failure. A world that succeeds at
+the last level continues at a random one, so that no level is forgotten.
 
 Example:
     curriculum = Curriculum([env.default_params.replace(n_boxes=n) for n in (1, 2, 4)])
@@ -28,8 +28,8 @@ class Levels(struct.PyTreeNode):
     """The levels of a batch's worlds.
 
     Attributes:
-        playing: (n_worlds,) int32, of the running episodes.
-        upcoming: (n_worlds,) int32, of the next ones.
+        playing: (n_worlds,) int32, levels of the running episodes.
+        upcoming: (n_worlds,) int32, levels of the next episodes.
     """
 
     playing: jax.Array
@@ -39,10 +39,10 @@ class Levels(struct.PyTreeNode):
 class Curriculum:
     """Levels of difficulty, each a set of ranges. Methods are pure and may be jitted.
 
-    When an episode ends, the next has begun already: what came of it moves the level of the one after that.
+    When an episode ends, the next has already begun: the outcome moves the level of the one after that.
 
     Args:
-        levels: from the easiest to the hardest, of the same environment.
+        levels: ranges from the easiest to the hardest, of the same environment.
 
     Raises:
         ValueError: no levels, or levels of different environments.
@@ -61,10 +61,10 @@ class Curriculum:
         self.n_levels = len(levels)
 
     def start(self, n_worlds: int, level: int = 0) -> Levels:
-        """Every world at `level`.
+        """Puts every world at `level`.
 
         Raises:
-            ValueError: a level that there is not.
+            ValueError: an unknown level.
         """
         if not 0 <= level < self.n_levels:
             raise ValueError(f"level: got {level!r}; takes 0 to {self.n_levels - 1}")
@@ -72,17 +72,17 @@ class Curriculum:
         return Levels(playing=levels, upcoming=levels)
 
     def params(self, levels: Levels) -> DomainParams:
-        """The ranges of every world's next episode, leaves (n_worlds, 2)."""
+        """Returns the ranges of every world's next episode, with leaves (n_worlds, 2)."""
         return jax.tree.map(lambda x: x[levels.upcoming], self._levels)
 
     def update(self, key: jax.Array, levels: Levels, done: jax.Array, success: jax.Array) -> Levels:
-        """The levels after a step.
+        """Returns the levels after a step.
 
         Args:
-            key: for worlds beyond the last level.
-            levels: from `start` or `update`.
-            done: (n_worlds,) bool, whose episode has just ended; others stay.
-            success: (n_worlds,) bool, how it ended.
+            key: key of the draws for worlds that pass the last level.
+            levels: levels from `start` or `update`.
+            done: (n_worlds,) bool, whether an episode has just ended; the other worlds keep their levels.
+            success: (n_worlds,) bool, whether it was a success.
         """
         moved = levels.playing + jnp.where(success, 1, -1)
         anywhere = jax.random.randint(key, moved.shape, 0, self.n_levels)

@@ -1,4 +1,4 @@
-"""Episodes of a batch of worlds: begun, stepped, ended, begun anew. Pure functions of however many there are."""
+"""Episodes of a batch of worlds, as pure functions of any number of worlds: beginning, stepping and resetting them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import FIELDS, State, plain
 
 LEAST_CHUNK, CHUNKS = 64, 16
-"""Next episodes are drawn in chunks of a sixteenth of the worlds, but not of fewer than 64."""
+"""Worlds per chunk in which next episodes are drawn: at least 64, and a sixteenth of the batch."""
 
 
 class Upcoming(struct.PyTreeNode):
     """The beginnings of the next episodes, drawn ahead of time.
 
     Attributes:
-        state: what every world's next episode starts from.
-        stale: (n_worlds,) bool, where it is used up and has to be drawn.
+        state: the first states of the next episodes.
+        stale: (n_worlds,) bool, whether a beginning is used up and must be drawn.
     """
 
     state: State
@@ -36,12 +36,12 @@ class WorldsState(State):
     episode's first, while `reward`, `terminated`, `truncated` and `metrics` are those of the step that ended it.
 
     Attributes:
-        final_obs: the observations at the end of the step, before any reset: what a value function bootstraps from.
+        final_obs: observations at the end of the step, before any reset, for a value function to bootstrap from.
         episode_return: (n_worlds, n_agents) reward summed over the running episode, or over the one that just ended.
-        episode_length: (n_worlds,) int32 steps, likewise.
-        counts: int32 totals since `Worlds.reset`, (n_worlds,) each: "episodes" ended, steps with a "physics_fault" or
+        episode_length: (n_worlds,) int32 steps of the same episode.
+        counts: (n_worlds,) int32 totals since `Worlds.reset`: "episodes" that ended, steps with a "physics_fault" or
             "contact_overflow", and episodes begun in a "layout_invalid" world.
-        seed: (n_worlds,) keys from which all episodes of a world follow.
+        seed: (n_worlds,) keys that determine all episodes of a world.
         upcoming: the beginnings of the next episodes.
     """
 
@@ -53,26 +53,26 @@ class WorldsState(State):
     upcoming: Upcoming
 
     def totals(self) -> dict[str, int]:
-        """`counts`, summed over all worlds. Host."""
+        """Sums `counts` over all worlds, on the host."""
         return {name: int(value.sum()) for name, value in self.counts.items()}
 
 
 def begin(
     env: Environment, n_worlds: int, index: jax.Array, key: jax.Array, params: DomainParams, stagger: jax.Array
 ) -> WorldsState:
-    """The first episodes of some worlds.
+    """Draws the first episodes of some worlds.
 
     Args:
         env: the environment.
-        n_worlds: how many worlds there are in all, over which `stagger` spreads their ends.
-        index: (n,) int32, which of them these are; a world follows from `key` and its index alone.
-        key: the key of all worlds.
+        n_worlds: number of all worlds, over which `stagger` spreads the ends.
+        index: (n,) int32, indices of these worlds; `key` and the index alone determine a world.
+        key: key of all worlds.
         params: ranges with leaves (n, 2).
-        stagger: () bool.
+        stagger: () bool, whether ends are spread over the horizon.
     """
     n = len(index)
     seed = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
-    # One reset of the episodes 0 and 1 of all worlds: two would compile twice.
+    # One reset for the episodes 0 and 1 of all worlds: two resets would compile twice.
     keys = jnp.concatenate([_episode_key(seed, jnp.full(n, e)) for e in (0, 1)])
     both = jax.vmap(env.reset)(keys, jax.tree.map(lambda x: jnp.concatenate([x, x]), params))
     first, second = jax.tree.map(lambda x: x[:n], both), jax.tree.map(lambda x: x[n:], both)
@@ -96,10 +96,10 @@ def begin(
 
 
 def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
-    """All worlds an env step further, the next episode begun where one ended."""
+    """Steps all worlds once, and begins the next episode where one ended."""
     stepped = jax.vmap(env.step)(plain(states), action)
     done = stepped.done
-    # The first step after an episode's end starts the sums anew.
+    # The first step after an episode's end restarts the sums.
     running = ~states.done
 
     @jax.named_scope("reset")
@@ -125,7 +125,7 @@ def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
 
 
 def stale_under(params: DomainParams, old: DomainParams, stale: jax.Array) -> jax.Array:
-    """Which beginnings are stale under new ranges: those drawn from others, and those that were already."""
+    """Returns which beginnings are stale after a change of ranges: already stale ones, and those of other ranges."""
     before, now = (jnp.stack(jax.tree.leaves(p), axis=1) for p in (old, params))
     return stale | (before != now).any(axis=(1, 2))
 
@@ -144,10 +144,10 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
         keys = _episode_key(states.seed[picked], states.counts["episodes"][picked] + 1)
         params = jax.tree.map(lambda x: x[picked], states.params)
         drawn = _without_engine(jax.vmap(env.reset)(keys, params))
-        # What fills up the chunk is not stale and stays as it was drawn.
+        # Worlds that only fill up the chunk are not stale and keep their beginnings.
         target = jnp.where(picked_rank > 0, picked, n)
         source = jnp.full(n, -1).at[target].set(jnp.arange(chunk), mode="drop")
-        # Gathered, since on a CPU every scatter is a loop to compile, and there are as many as a state has arrays.
+        # Gathered: a scatter is a loop to compile on a CPU, once for every array of a state.
         state = jax.tree.map(lambda old, new: _where(source >= 0, new[source], old), upcoming.state, drawn)
         return Upcoming(state=state, stale=upcoming.stale & (source < 0))
 
@@ -155,7 +155,7 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
 
 
 def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> State:
-    """`stepped`, with the next episode's beginning where one is done; what happened in the step stays."""
+    """Returns `stepped`, with the next episode's beginning where one is done; the step's results stay."""
     merged = jax.tree.map(partial(_where, done), fresh, _without_engine(stepped))
     engine = jax.vmap(env.base.engine.renew)(stepped.data.engine, done)
     return merged.replace(
@@ -169,7 +169,7 @@ def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> S
 
 
 def _where(worlds: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
-    """`new` in those `worlds` (n,) bool, `old` in the others."""
+    """Returns `new` in the given `worlds` (n,) bool, `old` in the others."""
     return jnp.where(worlds.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
 
@@ -182,5 +182,5 @@ def _episode_key(seed: jax.Array, episode: jax.Array) -> jax.Array:
 
 
 def _without_engine(state: State) -> State:
-    """What an engine carries belongs to the running batch and is never part of a stored world."""
+    """Removes what an engine carries: it belongs to the running batch and is never part of a stored world."""
     return state.replace(data=state.data.replace(engine=()))

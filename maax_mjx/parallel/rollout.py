@@ -1,4 +1,4 @@
-"""Many steps under a policy, compiled as one, of which only what is asked for is kept."""
+"""Rollouts: many steps under a policy as one compiled program, which keeps only the requested parts."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from maax_mjx.core.state import plain
 from maax_mjx.parallel.episodes import WorldsState, advance
 
 Policy = Callable[..., Any]
-"""`(state, key, *args) -> action`: of one world, its `State`, a key for this world and step, and what the rollout was
-given besides, such as a network's parameters, which all worlds share."""
+"""`(state, key, *args) -> action` for one world: its `State`, a key for this world and step, and the rollout's further
+arguments, such as a network's parameters, which all worlds share."""
 
 BEFORE = "obs"
 ACTION = "action"
@@ -26,10 +26,10 @@ PARTS = (
 
 
 def check_keep(keep: Any) -> tuple[str, ...]:
-    """Names of what a step has.
+    """Returns the names of parts to keep.
 
     Raises:
-        ValueError: anything else.
+        ValueError: names that are not parts of a step.
     """
     if isinstance(keep, str) or not all(isinstance(name, str) for name in keep):
         raise ValueError(

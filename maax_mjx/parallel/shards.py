@@ -1,4 +1,4 @@
-"""How a batch of worlds is split over devices, and functions of its worlds compiled for that."""
+"""Distribution of a batch of worlds over devices, and compilation of functions for it."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ Devices = int | str | Sequence[jax.Device] | None
 
 
 class Shards:
-    """The devices of a batch and the share of each.
+    """The devices of a batch and their shares.
 
     Args:
-        n_worlds: of all devices, and of all processes where there are several.
-        devices: None is one device, JAX's default; a number takes as many of `jax.devices()`; "all" takes all of them,
-            those of other processes included; or a list of devices.
+        n_worlds: number of worlds over all devices of all processes.
+        devices: None uses one device, JAX's default; a number the first of `jax.devices()`; "all" all of them, also
+            those of other processes; or a list of devices.
         method: "jit" for one device, "pmap" or "shard_map" for any number; None is "jit" for one and "shard_map" for
             several.
 
     Attributes:
-        shape: the leading axes of the batch's arrays: (n_worlds,), or for pmap (n_devices, n_worlds / n_devices) with
+        shape: leading axes of the batch's arrays: (n_worlds,), or with pmap (n_devices, n_worlds / n_devices), with
             this process's devices.
 
     Raises:
-        ValueError: more devices than there are, devices of which not all processes have as many, a number of worlds
-            that they cannot share evenly, or several devices with "jit".
+        ValueError: too many devices, unequal numbers of devices per process, a number of worlds that is not a multiple
+            of that of devices, or several devices with "jit".
     """
 
     def __init__(self, n_worlds: int, devices: Devices = None, method: str | None = None):
         self.n_worlds = n_worlds
         self._default = devices is None
-        self.devices = _pick(devices)
+        self.devices = _select(devices)
         n = len(self.devices)
         self.method = check_choice("method", method or ("jit" if n == 1 else "shard_map"), METHODS)
         if self.method == "jit" and n > 1:
@@ -62,14 +62,14 @@ class Shards:
         donate: tuple[int, ...] = (),
         options: Mapping[str, Any] | None = None,
     ) -> Callable:
-        """Compiles a function of a device's worlds into one of all worlds.
+        """Compiles a function of one device's worlds into one of all worlds.
 
         Args:
-            function: `(index, *args)`, where `index` (n,) int32 says which worlds the device has.
-            in_axes: of each of `args`: 0 where it has the worlds as its leading axis, None where all devices share it.
-            out_axes: the worlds' axis in each result.
-            donate: which of `args` give their memory away.
-            options: of the compiler; pmap takes none.
+            function: `(index, *args)`, where `index` (n,) int32 are the indices of the device's worlds.
+            in_axes: for each of `args`, 0 if worlds are its leading axis, None if all devices share it.
+            out_axes: axis of the worlds in each result.
+            donate: indices of `args` that are donated.
+            options: compiler options; pmap takes none.
         """
         index = self.put(np.arange(self.n_worlds, dtype=np.int32))
         donate = tuple(i + 1 for i in donate)
@@ -88,7 +88,7 @@ class Shards:
         return partial(mapped, index)
 
     def put(self, tree: Any) -> Any:
-        """Host arrays with the leading axis (n_worlds,), the same in every process, as arrays of the batch."""
+        """Puts host arrays with the leading axis (n_worlds,), the same in every process, onto the batch's devices."""
         if self.method == "jit":
             return jax.tree.map(lambda x: self.share(jnp.array(x)), tree)
         if self.method == "shard_map":
@@ -98,7 +98,7 @@ class Shards:
         return jax.tree.map(lambda x: x.reshape(len(self.devices), self.per_device, *x.shape[1:])[mine], tree)
 
     def share(self, x: Any) -> Any:
-        """An array or key of the host, the same in every process, where all devices can read it."""
+        """Puts a host array or key, the same in every process, where all devices can read it."""
         if self.method == "jit":
             return x if self._default else jax.device_put(x, self.devices[0])
         if self.method == "pmap" or jax.process_count() == 1:
@@ -110,7 +110,7 @@ class Shards:
 
 
 def _with_options(function: Callable, plain: Callable, donate: tuple[int, ...], options: Mapping[str, Any]) -> Callable:
-    """A function compiled with options, or inside another compiled one, where JAX allows none, the plain one."""
+    """Returns the function compiled with options; inside other compiled code, where JAX allows none, the plain one."""
     quick = jax.jit(function, donate_argnums=donate, compiler_options=dict(options))
     return lambda *args: (plain if is_traced(args) else quick)(*args)
 
@@ -119,10 +119,10 @@ def _spec(axis: int | None) -> P:
     return P() if axis is None else P(*[None] * axis, AXIS)
 
 
-def _pick(devices: Devices) -> tuple[jax.Device, ...]:
-    """The devices that the argument names."""
+def _select(devices: Devices) -> tuple[jax.Device, ...]:
+    """Returns the devices that the argument names."""
     if devices is None:
-        # Not merely the first one: users choose another by `jax.default_device`.
+        # Not simply the first of `jax.devices()`: users can set another with `jax.default_device`.
         return tuple(jnp.zeros(()).devices())
     present = jax.devices()
     if isinstance(devices, str) and devices == "all":

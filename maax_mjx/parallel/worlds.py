@@ -1,4 +1,4 @@
-"""`Worlds`: a batch of worlds with automatic resets, every episode in a layout of its own, on any number of devices."""
+"""`Worlds`: a batch of worlds with automatic resets, with a new layout every episode, on any number of devices."""
 
 from __future__ import annotations
 
@@ -21,33 +21,32 @@ from maax_mjx.parallel.rollout import Policy, check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
 
 ROLLOUTS = 16
-"""How many different rollouts stay compiled."""
+"""Rollouts with different arguments that stay compiled."""
 
 
 class Worlds:
     """`n_worlds` worlds of one environment, stepped together and reset one by one.
 
-    What becomes of a world depends on its own key alone: not on its neighbours, their number, or the devices. Next
-    episodes are drawn ahead of time in chunks, so that a step pays for about `n_worlds / horizon` resets, and none
-    waits for the others.
+    A world depends only on its own key: not on its neighbours, their number, or the devices. Next episodes are drawn
+    ahead of time in chunks, so that a step pays for about `n_worlds / horizon` resets, and no world waits for others.
 
-    Several devices take an equal share each and never wait for each other. Arrays have the leading axis (n_worlds,),
-    with "shard_map" spread over the devices; with "pmap" they have the axes (n_devices, n_worlds / n_devices) that
-    `jax.pmap` works on. `shape` says which. After `jax.distributed.initialize()` the devices "all" are those of all
-    processes, each of which makes the same calls: with "shard_map" on arrays that span them, with "pmap" on its own.
+    Several devices take an equal share each and never wait for each other. With "shard_map", arrays have the leading
+    axis (n_worlds,), spread over the devices; with "pmap" they have the axes (n_devices, n_worlds / n_devices) of
+    `jax.pmap`. `shape` has these axes. After `jax.distributed.initialize()` the devices "all" are those of all
+    processes. Each process makes the same calls: with "shard_map" on arrays that span them, with "pmap" on its own.
 
     Args:
         env: the environment.
-        n_worlds: how many, on all devices together.
-        devices: None is one device, JAX's default; a number takes the first of `jax.devices()`; "all" takes all, those
-            of other processes included; or a list of devices.
+        n_worlds: number of worlds on all devices together.
+        devices: None uses one device, JAX's default; a number the first of `jax.devices()`; "all" all of them, also
+            those of other processes; or a list of devices.
         method: "jit" for one device, "shard_map" or "pmap" for any number; None is "jit" for one device, "shard_map"
             for several.
-        donate: whether `step` and `rollout` reuse the memory of the states that they are given, which must not be used
+        donate: whether `step` and `rollout` reuse the memory of the states that they get, which must not be used
             again.
 
     Raises:
-        ValueError: an argument out of its range, or more worlds or devices than can be shared evenly.
+        ValueError: an argument out of its range, or numbers of worlds and devices without equal shares.
     """
 
     def __init__(
@@ -67,7 +66,7 @@ class Worlds:
         env.base.engine.check_devices(self.shards.n_local)
         compiled = self.shards.compile
         on_cpu = self.shards.devices[0].platform == "cpu"
-        # What runs once need not be fast.
+        # Programs that run once need not be fast.
         once, often = (quick_compilation(level) if on_cpu else None for level in (0, 1))
         self._reset = compiled(self._begin, (None, 0, None), options=once)
         self._step = compiled(lambda _, *args: self.step_fn(*args), (0, 0), donate=self._donate, options=often)
@@ -80,14 +79,14 @@ class Worlds:
         """Draws all worlds.
 
         Args:
-            key: a typed key; world i follows from it and i alone.
-            params: ranges with leaves (2,), or (n_worlds, 2) for a range per world; None is the defaults.
-            stagger: whether the first episodes end spread over the horizon rather than all at once, which keeps
-                training batches and their cost even. They begin as if so many steps had passed with the world at rest;
-                what agents observe before their first step is still an episode's first observation.
+            key: a typed key; it and i alone determine world i.
+            params: ranges with leaves (2,), or (n_worlds, 2) for a range per world; None uses the defaults.
+            stagger: whether the ends of the first episodes are spread over the horizon, which keeps training batches
+                and their cost even. They begin as if some steps had passed with the world at rest; agents' observations
+                before their first step are still an episode's first ones.
 
         Raises:
-            ValueError: a raw uint32 key, or params beyond their bounds.
+            ValueError: a raw uint32 key, or params out of their bounds.
             MemoryError: more worlds than fit.
         """
         check_key("key", key)
@@ -100,7 +99,7 @@ class Worlds:
         """Advances every world by one env step, and starts the next episode where one ended.
 
         Args:
-            states: from `reset` or `step`; donated.
+            states: states from `reset` or `step`; donated.
             action: the env's action with the leading axes `shape`.
 
         Raises:
@@ -121,18 +120,18 @@ class Worlds:
         key: jax.Array | None = None,
         keep: tuple[str, ...] = (),
     ) -> tuple[WorldsState, dict[str, Any]]:
-        """Steps all worlds many times in one compiled program that keeps only what is asked for.
+        """Steps all worlds many times in one compiled program that keeps only the requested parts.
 
         Args:
-            states: from `reset`, `step` or `rollout`; donated.
-            policy: `policy(state, key, *args) -> action` of one world: its `State`, a key of this world and step, and
-                what follows here. Pass the same function again, or it is compiled again.
-            n_steps: how many env steps.
-            args: what the policy gets besides, such as a network's parameters; arrays, which may change from call to
+            states: states from `reset`, `step` or `rollout`; donated.
+            policy: `policy(state, key, *args) -> action` for one world: its `State`, a key for this world and step, and
+                `args`. Pass the same function again, or it is compiled again.
+            n_steps: number of env steps.
+            args: further arguments of the policy, such as a network's parameters; arrays, which may change from call to
                 call.
-            key: where the policy's keys follow from; None is `jax.random.key(0)`. Worlds have the same keys on any
-                number of devices.
-            keep: names of what to return of every step: "action", "reward", "terminated", "truncated", "final_obs",
+            key: key of the policy's keys; None is `jax.random.key(0)`. Worlds get the same keys on any number of
+                devices.
+            keep: names of what to return for every step: "action", "reward", "terminated", "truncated", "final_obs",
                 "metrics", "data" and others, or a part of one such as "metrics.physics_fault"; "obs" is what the
                 policy saw, everything else is from after the step.
 
@@ -154,42 +153,42 @@ class Worlds:
         return self._run(self._rollout(policy, n_steps, check_keep(keep)), states, self.shards.share(key), args)
 
     def with_params(self, states: WorldsState, params: DomainParams) -> WorldsState:
-        """The states with other ranges, which hold from every world's next episode on; nothing is compiled anew.
+        """Returns the states with other ranges, which hold from every world's next episode on, without recompilation.
 
         Args:
-            states: from `reset` or `step`.
+            states: states from `reset` or `step`.
             params: ranges with leaves (2,), or (n_worlds, 2) for a range per world.
 
         Raises:
-            ValueError: params beyond their bounds.
+            ValueError: params out of their bounds.
         """
         params = self._per_world(params)
-        # Beginnings drawn from the old ranges are drawn again, where the ranges are others.
+        # Beginnings that were drawn from other ranges are drawn again.
         stale = self._stale(params, states.params, states.upcoming.stale)
         return states.replace(params=params, upcoming=states.upcoming.replace(stale=stale))
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
-        """A uniform random action for every world, the same on any number of devices."""
+        """Draws a uniform random action for every world, the same on any number of devices."""
         return self._sample(self.shards.share(key))
 
     @cached_property
     def states_shape(self) -> WorldsState:
-        """What `reset` gives, as shapes and types with the leading axis (n_worlds,)."""
+        """Shapes and dtypes of the states from `reset`, with the leading axis (n_worlds,)."""
         params = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.n_worlds, 2)), self.env.default_params)
         return jax.eval_shape(self.reset_fn, jax.random.key(0), params, jnp.zeros((), bool))
 
     def flat(self, tree: Any) -> Any:
-        """Arrays of the batch with the leading axis (n_worlds,), whatever `shape` is."""
+        """Returns arrays of the batch with the leading axis (n_worlds,), whatever `shape` is."""
         if len(self.shape) == 1:
             return tree
         return jax.tree.map(lambda x: x.reshape(x.shape[0] * x.shape[1], *x.shape[2:]), tree)
 
     def reset_fn(self, key: jax.Array, params: DomainParams, stagger: jax.Array) -> WorldsState:
-        """`reset` as a pure function, for use inside other traced code; params have leaves (n_worlds, 2)."""
+        """Draws worlds as `reset` does, as a pure function for use in traced code; params have leaves (n_worlds, 2)."""
         return begin(self.env, self.n_worlds, jnp.arange(self.n_worlds), key, params, stagger)
 
     def step_fn(self, states: WorldsState, action: Any) -> WorldsState:
-        """`step` as a pure function of any number of worlds, for use inside other traced code."""
+        """Steps any number of worlds as `step` does, as a pure function for use in traced code."""
         return advance(self.env, states, action)
 
     def _begin(self, index: jax.Array, key: jax.Array, params: DomainParams, stagger: jax.Array) -> WorldsState:
@@ -206,7 +205,7 @@ class Worlds:
         return self.shards.compile(rollout, (0, None, None), out_axes=(0, 1), donate=self._donate)
 
     def _per_world(self, params: DomainParams) -> DomainParams:
-        """A range for every world, in memory of their own, since states are donated."""
+        """Returns a range for every world, in separate memory, since states are donated."""
         check_params(params, self.env.base.parameters, (self.n_worlds,))
         return self.shards.put(jax.tree.map(lambda x: np.broadcast_to(x, (self.n_worlds, 2)), params))
 
@@ -217,7 +216,7 @@ class Worlds:
         check_not_donated(states.step)
 
     def _run(self, program: Callable, *args: Any) -> Any:
-        """Runs a compiled program; its first run is waited for, since accelerators report too little memory late."""
+        """Runs a compiled program; its first run is waited for, since accelerators report a lack of memory late."""
         try:
             results = program(*args)
             if program not in self._ran and not is_traced(results):
@@ -227,7 +226,7 @@ class Worlds:
         except jax.errors.JaxRuntimeError as error:
             if not is_out_of_memory(error):
                 raise
-            # A program that calls Warp takes memory that JAX, which took most of it at its start, does not give.
+            # Warp inside a program needs memory that JAX took at its start and does not give back.
             warp = "leave Warp more of it (XLA_PYTHON_CLIENT_MEM_FRACTION=0.25 in the environment), "
             raise MemoryError(
                 f"Worlds: {self.shards.per_device} worlds do not fit into the memory of one "

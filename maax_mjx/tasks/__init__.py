@@ -1,4 +1,4 @@
-"""Complete games, their configs, and environments by name."""
+"""Complete games and their configs, and environments by name."""
 
 from maax_mjx.tasks.capture_the_flag import CaptureTheFlagConfig, capture_the_flag
 from maax_mjx.tasks.hide_and_seek import (

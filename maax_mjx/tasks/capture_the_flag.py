@@ -14,13 +14,13 @@ from maax_mjx.wrappers import AgentAgentContactMask2D, CaptureTheFlag, TeamMembe
 
 @dataclass(frozen=True)
 class CaptureTheFlagConfig(GameConfig):
-    """Two against two, each in a room of its own with a base and a door between; a few boxes to hide behind.
+    """Two against two, each team in its own room with a base and a door between; a few boxes to hide behind.
 
     The rules are those of `CaptureTheFlag`.
 
     Attributes:
         teams: agents per world by team, or (low, high); two teams.
-        agent_placement: where they start; one for all, or one by team.
+        agent_placement: where agents start; one for all, or one by team.
         reach, wins_at: see `CaptureTheFlag`.
     """
 
@@ -40,7 +40,7 @@ def capture_the_flag(config: CaptureTheFlagConfig) -> Environment:
     """Builds the game of a config.
 
     Raises:
-        ValueError: what the world and the wrappers refuse.
+        ValueError: a config that the world or the wrappers refuse.
     """
     base = world(config, sides_of(config.teams, config.agent_placement))
     base.add_module(Flags())

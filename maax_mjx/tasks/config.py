@@ -1,4 +1,4 @@
-"""Configs: frozen dataclasses whose fields are overridden by name, those of inner ones by dotted names."""
+"""Overriding fields of configs (frozen dataclasses) by name, and fields inside them by dotted names."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ C = TypeVar("C")
 
 
 def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
-    """A config with some fields changed.
+    """Returns the config with some fields changed.
 
     Args:
         config: a frozen dataclass.
         overrides: values by name: "n_boxes", or "world_params.gravity" for a field of a field, "teams.players"
             for an item of a mapping.
-        where: what messages call this.
+        where: name of the config in messages.
 
     Raises:
-        ValueError: an unknown name, with the nearest ones.
+        ValueError: an unknown name; the message suggests the nearest ones.
     """
     for name, value in overrides.items():
         head, dot, rest = name.partition(".")
@@ -39,7 +39,7 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
 
 
 def field_names(config: Any) -> list[str]:
-    """The names of a config's fields, and the dotted names of what is inside them."""
+    """Returns the names of a config's fields, and the dotted names of fields inside them."""
     names = []
     for f in fields(config):
         inner = getattr(config, f.name)

@@ -1,4 +1,4 @@
-"""Hide-and-seek: the thesis's, and the two that Baker et al. published."""
+"""Hide-and-seek: the thesis's game, and the two that Baker et al. published."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class GrabConfig:
 
 @dataclass(frozen=True)
 class LidarConfig:
-    """Arguments of `Lidar`; its frame, unless given, is the agent's for observations="ego" and the world's else."""
+    """Arguments of `Lidar`; `frame=None` is the agent's for observations="ego", else the world's."""
 
     n_rays: int = 30
     range: float = 6.0
@@ -70,15 +70,15 @@ class RectConfig:
 
 @dataclass(frozen=True)
 class HideAndSeekConfig(HidersAndSeekers, GameConfig):
-    """The thesis's game (section 5.2.1): M, touching counts, locking, rewards at every step after preparation.
+    """The thesis's game (section 5.2.1): M, catching by touch, locking, rewards at every step after preparation.
 
     Attributes:
         prep_fraction, blind: see `PreparationPhase`.
         by, rew_type: see `HideAndSeekReward`.
-        cone: of `LineOfSight` in radians, full; None leaves vision out.
+        cone: full angle of `LineOfSight` in radians; None leaves vision out.
         lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
-        n_bins: bins of the movement, see `DiscretizeActions`; None is forces.
-        stats: whether `metrics` tell what happened, see `TrackStats`.
+        n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
+        stats: whether `metrics` have the statistics of `TrackStats`.
     """
 
     prep_fraction: float = 0.4
@@ -100,14 +100,16 @@ class QuadrantConfig(HideAndSeekConfig):
 
     2 hiders anywhere and 2 seekers outside the quadrant, 2 boxes in it, a ramp anywhere that cannot be locked; half of
     the worlds have one door, half two. 80 steps of 15 physics steps, the first 32 of them preparation; gravity -50;
-    friction 0.2 of boxes and floor, 0.01 of everything else; forces up to 90 N and torques up to 90 Nm in 11 bins.
-    Seeing counts, in a cone of 135 degrees; a team wins or loses together; who is outside [0.1, 5.9] loses 10, and all
-    do while an object is. Locking and grabbing within 0.25 m of what one sees, each one choice for everything in reach.
+    friction 0.2 for boxes and floor, 0.01 for everything else; forces up to 90 N and torques up to 90 Nm in 11 bins.
+    Seekers catch by sight, in a cone of 135 degrees; a team wins or loses together; agents outside [0.1, 5.9] lose 10,
+    and all do while an object is outside. Agents lock and grab what they see within 0.25 m, with one choice each for
+    everything in reach.
 
-    What differs from the published code: placement outside the quadrant is uniform by area; distances and cones are
-    from objects' centres (theirs: the corners); lidar reads at most its range; Newton takes up to 20 iterations.
-    Agents also observe doors, touches, who is in play, and holds; teams and what is left of the preparation are arrays
-    of their own, not columns of what is seen of others. The ray to a ramp goes to the centre of its box.
+    Differences from the published code: placement outside the quadrant is uniform by area; distances and cones are
+    measured from objects' centres (theirs: the corners); lidar reads at most its range; Newton takes up to 20
+    iterations. Agents also observe doors, touches, which agents are in play, and holds; teams and the rest of the
+    preparation are separate arrays, not columns of the arrays about others. The ray to a ramp goes to the centre of
+    its box.
     """
 
     n_boxes: CountRange = 2
@@ -138,11 +140,11 @@ class QuadrantConfig(HideAndSeekConfig):
 class FullConfig(QuadrantConfig):
     """`hide_and_seek_full.jsonnet` of Baker et al.'s published code, number for number.
 
-    1 to 4 random rooms, outer walls in half of the worlds; 3 to 9 boxes, of which 3 to 9 elongated, and 2 ramps, all
+    1 to 4 random rooms, outer walls in half of the worlds; 3 to 9 boxes, 3 to 9 of them elongated, and 2 ramps, all
     lockable; every team starts within 0.5 m of its first member. 240 steps, the first 96 of them preparation; the
-    penalty is for leaving a square of 18 m around the floor, and not for objects; walls have MuJoCo's friction, 1. The
-    rest is as of `QuadrantConfig`.
-    The paper draws 1 to 3 agents of each team: `n_hiders=(1, 3), n_seekers=(1, 3)`; the published code has 2 and 2.
+    penalty is for leaving a square of 18 m around the floor, and not for objects; walls have MuJoCo's friction, 1.
+    Everything else is as in `QuadrantConfig`.
+    The paper draws 1 to 3 agents for each team: `n_hiders=(1, 3), n_seekers=(1, 3)`; the published code has 2 and 2.
     """
 
     scenario: str = "random"
@@ -165,7 +167,7 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     """Builds the game of a config.
 
     Raises:
-        ValueError: what the world and the wrappers refuse.
+        ValueError: a config that the world or the wrappers refuse.
     """
     check_bool("stats", config.stats)
     env: Environment = TeamMembership(world(config, config.sides))

@@ -1,4 +1,4 @@
-"""What agents of the games observe, each for itself."""
+"""Observation modes of the games."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ OBSERVE = ("self", "team", "all")
 
 
 def observed_by_agents(env: Environment, observations: str, observe: str = "self") -> Environment:
-    """Gives every agent observations of its own, as Baker et al.'s policies get them.
+    """Gives every agent its own observations, like those of Baker et al.'s policies.
 
     Args:
         env: the game.
-        observations: "raw" leaves the game's; "split" gives arrays whose first axis is the agents', see
-            `SplitObservations`; "flat" joins these to one vector, in which what an agent does not see is zero; "ego"
-            is "split" in every agent's own frame and in fixed scales, see `EgocentricObservations`.
-        observe: what a critic sees besides: "self" is no more than the policy, "team" what any of the team sees, "all"
+        observations: "raw" keeps the game's; "split" gives arrays whose first axis is the agents', see
+            `SplitObservations`; "flat" joins these to one vector, with zeros in place of what an agent does not see;
+            "ego" is "split" in every agent's own frame and in fixed scales, see `EgocentricObservations`.
+        observe: what a critic sees: "self" the same as the policy, "team" also what any agent of the team sees, "all"
             everything; see `CriticObservations`.
 
     Raises:
-        ValueError: an unknown word, or a critic of raw observations.
+        ValueError: an unknown name, or a critic of raw observations.
     """
     check_choice("observations", observations, OBSERVATIONS)
     if check_choice("observe", observe, OBSERVE) != "self" and observations == "raw":

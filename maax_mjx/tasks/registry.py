@@ -1,4 +1,4 @@
-"""Environments by name."""
+"""The registry of environments by name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from maax_mjx.tasks.config import override
 
 
 class Task(NamedTuple):
-    """How an environment is built, and the class of what it is built from."""
+    """A registered environment: the function that builds it, and the class of its config."""
 
     build: Callable[[Any], Environment]
     config: type
@@ -27,17 +27,17 @@ _TASKS: dict[str, Task] = {}
 
 
 def tasks() -> list[str]:
-    """The names that `make` takes."""
+    """Returns the names that `make` takes."""
     return sorted(_TASKS)
 
 
 def register(name: str, build: Callable[[Any], Environment], config: type) -> None:
-    """Gives an environment a name: modules and wrappers of your own, packaged as a game.
+    """Registers an environment under a name: your own modules and wrappers, packaged as a game.
 
     Args:
-        name: a new one.
-        build: makes the environment from a config.
-        config: a frozen dataclass whose fields all have defaults: what `make` can override.
+        name: a new name.
+        build: function that makes the environment from a config.
+        config: a frozen dataclass whose fields all have defaults, which `make` can override.
 
     Raises:
         ValueError: a name that is taken, or a config that is not such a class.
@@ -57,10 +57,10 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
 
 
 def config_of(name: str, **overrides: Any) -> Any:
-    """The config of an environment by name, with some fields changed; see `make`.
+    """Returns the config of a named environment, with some fields changed; see `make`.
 
     Raises:
-        ValueError: an unknown name or field, with the nearest ones.
+        ValueError: an unknown name or field; the message suggests the nearest ones.
     """
     task = _TASKS[check_choice("name", name, _TASKS)]
     return override(task.config(), overrides, f"make({name!r})")
@@ -74,12 +74,12 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
 
     Args:
         name: one of `tasks()`.
-        config: what to start from, an object of the environment's config class; None is its defaults.
-        **overrides: fields of that config, in dotted names for fields of fields.
+        config: an object of the environment's config class to start from; None uses the defaults.
+        **overrides: values by field of that config, or by dotted name for fields of fields.
 
     Raises:
-        ValueError: an unknown name or field, with the nearest ones; a config of another class; or what the environment
-            refuses.
+        ValueError: an unknown name or field (the message suggests the nearest ones), a config of another class, or a
+            config that the environment refuses.
     """
     defaults = config_of(name)
     if config is not None and not isinstance(config, type(defaults)):
@@ -87,18 +87,18 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
         raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
     env = _TASKS[name].build(override(defaults if config is None else config, overrides, f"make({name!r})"))
     if not isinstance(env, Environment):
-        raise ValueError(f"build: that of {name!r} gave {env!r}; takes a function from a config to an environment")
+        raise ValueError(f"build: got {env!r} from that of {name!r}; takes a function from a config to an environment")
     return env
 
 
 def jitted(env: Environment | str, **overrides: Any) -> tuple[Callable[..., State], Callable[..., State]]:
-    """The two functions of an environment, compiled at their first call.
+    """Compiles an environment's two functions, at their first call.
 
     They check their arguments before compiled code takes over, and may be vmapped, scanned and jitted again.
 
     Args:
         env: an environment, or the name of one.
-        **overrides: as for `make`, with a name.
+        **overrides: as for `make`; only with a name.
 
     Returns:
         `reset(key, params=None)` and `step(state, action)`.
@@ -108,7 +108,7 @@ def jitted(env: Environment | str, **overrides: Any) -> tuple[Callable[..., Stat
     elif not isinstance(env, Environment):
         raise ValueError(f"env: got {env!r}; takes an environment or one of {tasks()}")
     elif overrides:
-        raise ValueError(f"overrides: got {sorted(overrides)} beside an environment; takes them only with a name")
+        raise ValueError(f"overrides: got {sorted(overrides)} with an environment; takes them only with a name")
     fast_reset, fast_step = jax.jit(env.reset), jax.jit(env.step)
 
     def reset(key: jax.Array, params: DomainParams | None = None) -> State:

@@ -1,4 +1,4 @@
-"""Short plays by scripted agents that show that the game works."""
+"""Short scenes played by scripted agents, which show that the games work."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
 from maax_mjx.tasks.registry import make
 
 FIRST, SECOND = 0, 1
-"""Slots of the hider and the seeker in plays of one against one."""
+"""Slots of the hider and the seeker in scenes of one against one."""
 MARGIN = 4
 """Cells between a box and the quadrant's walls, so that an agent can get behind it."""
 
 
 class Scene(NamedTuple):
-    """A play.
+    """A scene.
 
     Attributes:
-        env: what is played; hiders first.
-        reset: key to state.
-        act: state to action.
-        n_steps: how long it takes.
+        env: environment of the scene; hiders first.
+        reset: function from a key to a state.
+        act: function from a state to an action.
+        n_steps: length in env steps.
     """
 
     env: Environment
@@ -39,10 +39,10 @@ class Scene(NamedTuple):
     n_steps: int
 
     def play(self, state: State) -> tuple[State, State]:
-        """The last state, and the states after all steps; traceable.
+        """Plays the scene and returns the last state, and the states after all steps; traceable.
 
         Args:
-            state: from `reset`.
+            state: a state from `reset`.
         """
 
         def step(state: State, _: None) -> tuple[State, State]:
@@ -53,7 +53,7 @@ class Scene(NamedTuple):
 
 
 def catch(impl: str = "auto") -> Scene:
-    """A seeker walks at the nearest of two hiders, who wander about an empty room."""
+    """A seeker walks towards the nearest of two hiders, who wander about an empty room."""
     env = make(
         "hide_and_seek", impl=impl, scenario="empty", n_hiders=2, n_seekers=1, n_boxes=0, n_ramps=0,
         prep_fraction=0.2, lock=None, horizon=1001, observations="raw",
@@ -69,11 +69,11 @@ def catch(impl: str = "auto") -> Scene:
 
 
 def closed_door(impl: str = "auto", *, close: bool = True) -> Scene:
-    """A hider carries a box into the one door of its quadrant and locks it there, before the seeker may move.
+    """A hider carries a box into the only door of its quadrant and locks it there, before the seeker may move.
 
     Args:
-        impl: the engine.
-        close: whether it does; else it stands still.
+        impl: name of the engine.
+        close: whether the hider does so; otherwise it stands still.
     """
     env = make(
         "hide_and_seek", impl=impl, n_hiders=1, n_seekers=1, n_ramps=0, p_door_dropout=1.0,
@@ -91,7 +91,7 @@ def closed_door(impl: str = "auto", *, close: bool = True) -> Scene:
 
 
 def over_the_wall(impl: str = "auto") -> Scene:
-    """A seeker walks up a ramp at a quadrant without doors, and gets in: with the constants of Baker et al."""
+    """A seeker gets into a quadrant without doors over a ramp, with the constants of Baker et al."""
     env = make(
         "hide_and_seek_quadrant", impl=impl, n_hiders=1, n_seekers=1, n_boxes=0, door_size=0, p_door_dropout=0.0,
         prep_fraction=0.0, lock=None, grab=None, hider_placement="quad", n_bins=None, observations="raw",
@@ -121,5 +121,5 @@ SCENES = {"catch": catch, "closed_door": closed_door, "over_the_wall": over_the_
 
 @requires_quadrant
 def _away_from_walls(layout: Layout, cells: jax.Array) -> jax.Array:
-    """In the quadrant, with room around."""
+    """Restricts to cells in the quadrant with room around them."""
     return within(layout.grid.size, cells, layout.plan.quadrant + MARGIN * jnp.array([1, 1, -1, -1]))

@@ -1,4 +1,4 @@
-"""Agents that play by hand-written rules: pure functions from a state to one agent's action."""
+"""Scripted agents: pure functions from a state to one agent's action."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from maax_mjx.core.state import State
 from maax_mjx.wrappers.actions import to_bins
 
 PASSING = 0.35
-"""Metres from a door's middle at which an agent counts as being in it."""
+"""Metres from a door's middle within which an agent counts as being in it."""
 BEHIND = 0.43
-"""Metres from a box's centre to that of an agent that touches it, and a little."""
+"""Metres from a box's centre to that of an agent that touches it, with a small margin."""
 
 
 def to_action(env: Environment, forces: jax.Array, **parts: jax.Array) -> dict[str, jax.Array]:
-    """An action in the environment's space.
+    """Returns an action in the environment's space.
 
     Args:
         env: the environment.
-        forces: (n_agents, 3) in [-1, 1]: along x and y, and turning.
-        **parts: (n_agents,) {0, 1} by name; what is not given is 0, and what concerns many objects is for all of them.
+        forces: (n_agents, 3) in [-1, 1], along x and y and about z.
+        **parts: (n_agents,) {0, 1} by name, applied to all objects of a part that has many; missing parts are 0.
     """
     action: dict[str, Any] = {}
     for name, space in env.action_space.spaces.items():
@@ -41,7 +41,7 @@ def to_action(env: Environment, forces: jax.Array, **parts: jax.Array) -> dict[s
 
 
 def towards(state: State, env: Environment, agent: int, goal: jax.Array, force: float = 1.0) -> jax.Array:
-    """(3,) forces of an agent that walks to a point (2,) in metres, slower in its last centimetres."""
+    """Returns forces (3,) towards a point (2,) in metres, smaller over the last centimetres."""
     here = state.data.xpos[env.base.agents.body_ids[agent], :2]
     away = goal - here
     gap = jnp.linalg.norm(away)
@@ -50,16 +50,16 @@ def towards(state: State, env: Environment, agent: int, goal: jax.Array, force: 
 
 
 def wander(key: jax.Array, step: jax.Array, hold: int = 20) -> jax.Array:
-    """(3,) forces in a random direction that changes every `hold` steps."""
+    """Returns forces (3,) in a random direction that changes every `hold` steps."""
     angle = jax.random.uniform(jax.random.fold_in(key, step // hold), maxval=2 * jnp.pi)
     return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros(())])
 
 
 def chase(state: State, env: Environment, agent: int, prey: jax.Array) -> jax.Array:
-    """(3,) forces of an agent that walks at the nearest of `prey` (n_agents,) bool, through the door between them.
+    """Returns forces (3,) towards the nearest agent of `prey` (n_agents,) bool, through the door between them.
 
-    Knows quadrants with one door: where the two are on different sides of its walls, it goes to the door, around the
-    corner of the walls if need be, and through.
+    Handles quadrants with one door: if the two are on different sides of its walls, the agent goes to the door, around
+    the corner of the walls if needed, and through.
     """
     position = state.data.xpos[env.base.agents.body_ids, :2]
     here = position[agent]
@@ -80,10 +80,10 @@ def chase(state: State, env: Environment, agent: int, prey: jax.Array) -> jax.Ar
 
 
 def close_door(state: State, env: Environment, agent: int, box: int = 0) -> tuple[jax.Array, Mapping[str, jax.Array]]:
-    """An agent in the quadrant that grabs a box, carries it into the door and locks it there.
+    """Returns the actions of an agent in the quadrant that carries a box into the door and locks it there.
 
     Returns:
-        (3,) forces; "grab" and "lock", () {0, 1} each.
+        Forces (3,); and "grab" and "lock", () {0, 1} each.
     """
     boxes = env.base.modules["box"]
     ids = env.base.agents.qpos_ids[agent]
@@ -93,7 +93,7 @@ def close_door(state: State, env: Environment, agent: int, box: int = 0) -> tupl
     door, inward = quadrant_door(state, env)
     aside = jnp.array([-inward[1], inward[0]])
 
-    # In the box's frame, whose first axis points away from the door: get behind it, around its corner if need be.
+    # In the box's frame, whose first axis points away from the door: get behind it, around its corner if needed.
     along, across = (here - thing) @ inward, (here - thing) @ aside
     side = jnp.where(across >= 0, 1.0, -1.0)
     behind = thing + inward * BEHIND
@@ -117,23 +117,23 @@ def close_door(state: State, env: Environment, agent: int, box: int = 0) -> tupl
 
 
 def in_quadrant(state: State, env: Environment, point: jax.Array) -> jax.Array:
-    """() bool: whether a point (2,) is inside the quadrant's walls."""
+    """Whether a point (2,) is inside the quadrant's walls: () bool."""
     rect = quadrant_rect(state, env)
     return ((point >= rect[:2]) & (point <= rect[2:])).all()
 
 
 def quadrant_rect(state: State, env: Environment) -> jax.Array:
-    """(4,) x0, y0, x1, y1 of the quadrant in metres."""
+    """Returns x0, y0, x1, y1 of the quadrant in metres: (4,)."""
     return state.world.plan.quadrant * (state.world.plan.floor_size / env.base.grid_size)
 
 
 def _outside_corner(state: State, env: Environment) -> jax.Array:
-    """(2,) a point off the corner of the quadrant's walls."""
+    """Returns a point (2,) outside the corner of the quadrant's walls, in metres."""
     return quadrant_rect(state, env)[jnp.array([0, 3])] + jnp.array([-0.4, 0.4])
 
 
 def quadrant_door(state: State, env: Environment) -> tuple[jax.Array, jax.Array]:
-    """(2,) the middle of the quadrant's first door in metres, and (2,) the direction from it into the quadrant."""
+    """Returns the middle (2,) of the quadrant's first door in metres, and the direction (2,) from it inwards."""
     plan = state.world.plan
     door = plan.doors[plan.door_mask.argmax(), :2]
     left, _, _, top = quadrant_rect(state, env)

@@ -15,7 +15,7 @@ from maax_mjx.worldgen import WorldParams
 
 HIDER_COLOUR, SEEKER_COLOUR = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 NEAR = 0.5
-"""Metres from the first of the team, for placement "team"."""
+"""Metres from the first agent of the team, for placement "team"."""
 TEAM = "team"
 
 Range = float | tuple[float, float]
@@ -25,25 +25,25 @@ Placement = str | PlacementFn
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """A room with boxes and ramps, for whatever teams play in it.
+    """A room with boxes and ramps, for any teams.
 
-    A placement is a name that `placement_by_name` takes, such as "uniform", "quad", "room0", or your own; of a team's
-    members "team" (within 0.5 m of the first of them, who starts anywhere); or a placement function.
+    A placement is a name that `placement_by_name` takes, such as "uniform", "quad", "room0", or your own; "team" for
+    the agents of a team (within 0.5 m of the first of them, who starts anywhere); or a placement function.
 
     Attributes:
-        scenario: the room scenario, or several of which every world draws one; see `WallScenarios`.
-        n_boxes, n_ramps: per world, or (low, high).
-        n_elongated_boxes: how many of the boxes are elongated; see `Boxes`.
-        box_placement, ramp_placement: where things start.
+        scenario: the room scenario, or several of which each world draws one; see `WallScenarios`.
+        n_boxes, n_ramps: number per world, or (low, high).
+        n_elongated_boxes: number of elongated boxes; see `Boxes`.
+        box_placement, ramp_placement: where boxes and ramps start.
         door_size: in cells.
-        outer: what closes the arena; see `WallScenarios`.
-        probabilities: of the scenarios, where there are several.
+        outer: how the arena is closed; see `WallScenarios`.
+        probabilities: probabilities of several scenarios.
         p_door_dropout, n_rooms, min_room_size, prob_outside_walls: see `WallScenarios`.
         agent_friction, box_friction, ramp_friction, wall_friction, floor_friction: sliding friction, or ranges; None
-            keeps MuJoCo's default of 1. Of two things in contact MuJoCo takes the larger.
-        gear: of the agents' motors, in N and Nm; see `Agents`.
-        random_yaw: whether agents, boxes and ramps start turned by random angles.
-        boxsize_obs: whether boxes are observed with their extents; None is where worlds differ in them.
+            keeps MuJoCo's default of 1. MuJoCo uses the larger one of two geoms in contact.
+        gear: gear of the agents' motors, in N and Nm; see `Agents`.
+        random_yaw: whether agents, boxes and ramps start at random yaws.
+        boxsize_obs: whether boxes are observed with their extents; None does so if worlds differ in them.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
 
@@ -83,7 +83,7 @@ class HidersAndSeekers:
 
     Attributes:
         n_hiders, n_seekers: agents of each team per world, or (low, high).
-        hider_placement, seeker_placement: where they start.
+        hider_placement, seeker_placement: where the agents start.
     """
 
     n_hiders: CountRange = 2
@@ -93,7 +93,7 @@ class HidersAndSeekers:
 
     @property
     def sides(self) -> tuple[Side, ...]:
-        """The teams that there are agents of.
+        """Returns the teams that have agents.
 
         Raises:
             ValueError: no agents at all.
@@ -118,9 +118,9 @@ class GameConfig(WorldConfig):
     """A world in which a game is played.
 
     Attributes:
-        reward_scale: what the game's reward is multiplied with.
+        reward_scale: factor of the game's reward.
         observations: "raw", "split" (arrays for every agent), "flat" (one vector for every agent) or "ego" (arrays in
-            every agent's own frame); see `tasks.observe`.
+            every agent's own frame); see `observed_by_agents`.
         observe: what a critic sees: "self" (what its agent sees), "team" or "all".
     """
 
@@ -130,12 +130,12 @@ class GameConfig(WorldConfig):
 
 
 class Side(NamedTuple):
-    """A team as a config has it.
+    """A team as a config describes it.
 
     Attributes:
-        name: of the team.
+        name: the team's name.
         size: agents per world, or (low, high).
-        placement: where they start.
+        placement: where its agents start.
         argument: the config's field of the placement, for messages.
         colour: RGBA in pictures; None is by the team's number.
     """
@@ -148,7 +148,7 @@ class Side(NamedTuple):
 
 
 def sides_of(teams: Mapping[str, CountRange], placements: Mapping[str, Placement] | Placement) -> tuple[Side, ...]:
-    """The teams of a config's field `teams`, and of `agent_placement`: one for all, or one by team.
+    """Returns the teams of a config's fields `teams` and `agent_placement`, which is one for all, or one by team.
 
     Raises:
         ValueError: no teams, a team without agents, or placements for other teams.
@@ -170,7 +170,7 @@ def standard(config: StandardConfig) -> Base:
     """Builds M, or another world of hiders and seekers.
 
     Raises:
-        ValueError: no agents at all, an unknown placement, or what the modules refuse.
+        ValueError: no agents at all, an unknown placement, or arguments that the modules refuse.
     """
     return world(config, config.sides)
 
@@ -179,7 +179,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     """Builds the world of a config, with some teams in it.
 
     Raises:
-        ValueError: an unknown placement, or what the modules refuse.
+        ValueError: an unknown placement, or arguments that the modules refuse.
     """
     most = [check_count_range(f"n_{side.name}", side.size)[1] for side in sides]
     env = Base(
@@ -247,7 +247,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
 
 
 def _placement(argument: str, placement: Placement, first: str, n: int) -> list[PlacementFn]:
-    """The placement functions of `n` things; of a team's members, of whom `first` is the first, "team" is one, too."""
+    """Returns the placement functions of `n` things; "team" is allowed for a team's agents, the first named `first`."""
     if callable(placement):
         return [placement] * n
     if first and placement == TEAM:

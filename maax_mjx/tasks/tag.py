@@ -1,4 +1,4 @@
-"""Tag."""
+"""The game of tag."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class TagConfig(GameConfig):
     """Four players in a room with boxes and a ramp; one of them is it.
 
     Attributes:
-        teams: agents per world by team, or (low, high); of one team, everybody plays against whoever is it.
-        agent_placement: where they start; one for all, or one by team.
+        teams: agents per world by team, or (low, high); with one team, everybody plays against the agent that is it.
+        agent_placement: where agents start; one for all, or one by team.
         immunity: see `Tag`.
     """
 
@@ -32,7 +32,7 @@ def tag(config: TagConfig) -> Environment:
     """Builds the game of a config.
 
     Raises:
-        ValueError: what the world and the wrappers refuse.
+        ValueError: a config that the world or the wrappers refuse.
     """
     base = world(config, sides_of(config.teams, config.agent_placement))
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))

@@ -234,7 +234,7 @@ def test_refused_games(arguments, message, registered):
 
 def test_a_game_that_builds_something_else(registered):
     maax.register("odd", lambda config: 3, HarvestConfig)
-    with pytest.raises(ValueError, match="build: that of 'odd' gave 3; takes a function from a config to an env"):
+    with pytest.raises(ValueError, match="build: got 3 from that of 'odd'; takes a function from a config to an env"):
         maax.make("odd")
 
 
