@@ -58,14 +58,14 @@ def draw_frame(ax: Axes, stage: Stage, frame: Frame, title: str = "") -> None:
     ax.set_xticks([])
     ax.set_yticks([])
     ax.add_patch(Rectangle((0, 0), edge, edge, color=FLOOR, zorder=0))
-    # Eyes and numbers are too small for a plan, and a lock is drawn where its label is.
+    # Eyes and names are too small for a plan, and a lock is drawn where its label is.
     for part in frame.parts:
         if part.role not in ("eye", "lock"):
             DRAWN.get(part.role, _draw_solid)(ax, stage, part)
     for line in frame.lines:
         _draw_line(ax, line)
     for label in frame.labels:
-        if label.role != "number":
+        if label.role != "name":
             (_draw_lock if label.role == "lock" else _draw_label)(ax, label)
     if title:
         ax.set_title(title, fontsize=8)

@@ -75,7 +75,7 @@ class Label(NamedTuple):
 
     Attributes:
         name: unique in its frame, and the same in all frames.
-        role: "number" of an agent, which plans leave out; "lock" of who locked something, which plans draw as a padlock
+        role: "name" of an agent, which plans leave out; "lock" of who locked something, which plans draw as a padlock
             with it; or "label" for any other.
         text: what it says.
         position: (3,) metres.

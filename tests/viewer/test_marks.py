@@ -225,18 +225,19 @@ def test_two_layers_of_locks_are_drawn_each_with_its_own():
         assert locks[name].rgba == pytest.approx(env.base.agents.colors[agent])
 
 
-def test_agents_have_their_numbers_within_the_team_and_its_colour():
+def test_agents_have_their_names_and_the_colour_of_their_team():
     env = maax.make("tag", impl="c")
     base = room(3)
     teams = maax.TeamMembership(base, team_index=[1, 0, 1])
-    for made, numbers in ((env, ["0", "1", "2", "3"]), (teams, ["0", "0", "1"])):
+    players = [f"player_{i}" for i in range(4)]
+    for made, names in ((env, players), (teams, ["team_1_0", "team_0_0", "team_1_1"])):
         frame = Stage(made).frame(jax.device_get(made.reset(seeds.key(0))))
-        labels = {label.name: label for label in frame.labels if label.role == "number"}
-        for slot, number in enumerate(numbers):
+        labels = {label.name: label for label in frame.labels if label.role == "name"}
+        for slot, name in enumerate(names):
             (team,) = (team for team in made.teams.values() if slot in team.slots)
-            label = labels[f"agent{slot}:number"]
-            assert (label.text, label.rgba) == (number, pytest.approx(team.colour))
-            assert made.agent_names[slot].endswith(f"_{number}")
+            label = labels[f"agent{slot}:name"]
+            assert (label.text, label.rgba) == (name, pytest.approx(team.colour))
+            assert made.agent_names[slot] == name
         words = " ".join(frame.text)
         assert all(name in words for name in made.teams)
 

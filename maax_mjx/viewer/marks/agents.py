@@ -9,7 +9,7 @@ from maax_mjx.viewer.scene import turned, up
 
 
 def draw_agents(state: State, canvas: Canvas) -> None:
-    """Two eyes and a heading for every agent in play, and its number within its team."""
+    """Two eyes and a heading for every agent in play, and its name."""
     subject = canvas.subject
     for agent in canvas.playing:
         name, centre, rotation = subject.agents.names[agent], canvas.position(agent), turned(canvas.heading(agent))
@@ -18,5 +18,5 @@ def draw_agents(state: State, canvas: Canvas) -> None:
             canvas.solid(f"{name}:eye_{side}", "sphere", (0.028,), position, EYE, role="eye")
         ends = [centre, centre + 0.28 * rotation[:, 0]]
         canvas.line(f"{name}:heading", ends, DARK, width=0.02, role="heading")
-        number = str(subject.numbers[agent])
-        canvas.label(f"{name}:number", number, centre + up(0.26), canvas.colours[agent], role="number")
+        own = subject.env.agent_names[agent]
+        canvas.label(f"{name}:name", own, centre + up(0.26), canvas.colours[agent], role="name")
