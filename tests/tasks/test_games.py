@@ -548,7 +548,7 @@ def test_locks_and_holds_are_at_their_objects(name, played):
         yaw = agents.qpos_ids[hider, 3]
         data = data.replace(qpos=data.qpos.at[:, ids].set(beside).at[:, yaw].set(-np.pi / 2))
     data = jax.jit(jax.vmap(env.base.engine.pose))(state.world.fields, data)
-    looked = jax.jit(jax.vmap(find(env, maax.LineOfSight).look))(state.replace(data=data))
+    looked = jax.jit(jax.vmap(find(env, maax.LineOfSight).observe))(state.replace(data=data))
     start = state.replace(data=data, mechanics=looked.mechanics)
     after = jax.device_get(step(start, actions[0]).obs)
     xy = centres(env, start, "agent")
