@@ -1,4 +1,4 @@
-"""`check_env`: what every environment must hold, for your own as for ours."""
+"""`check_env`, which checks the contract of any environment, including your own."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 
 TOLERANCE = 1e-4
+"""Largest difference between runs that should be equal, absolute and relative."""
 
 
 def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: int = 0) -> None:
-    """Checks an environment; returns nothing if all is well.
+    """Checks that an environment keeps its contract; returns nothing.
 
-    Spaces hold what comes out; jit gives what eager gives, and vmap what a loop gives, to 1e-4; reset and step are
-    traced once; the same key gives the same world and the same run; everything is finite; a step's State has the tree,
-    shapes and dtypes of the one that went in; there is a reward for every agent.
+    Spaces contain the observations and actions; jit equals eager and vmap equals a loop, to 1e-4; reset and step are
+    traced once; the same key gives the same world and run; everything is finite; a step keeps the tree, shapes and
+    dtypes of the State; there is a reward for every agent.
 
     Args:
         env: the environment.
-        n_worlds: worlds in the vmapped check.
-        n_steps: steps of every run.
-        seed: of the worlds and actions.
+        n_worlds: number of worlds in the vmapped check.
+        n_steps: number of steps of every run.
+        seed: seed of the worlds and actions.
 
     Raises:
-        AssertionError: with a sentence that says what does not hold and where.
+        AssertionError: a check fails; the message says which and where.
     """
     keys = jax.random.split(jax.random.key(seed), n_worlds)
     actions = [_actions(env, jax.random.key(seed + 1 + t), n_worlds) for t in range(n_steps)]
@@ -111,7 +112,7 @@ def _equal(a: jax.Array, b: jax.Array) -> bool:
 
 def _same(left: list[State], right: list[State], what: str, exact: bool = False) -> None:
     for t, (a, b) in enumerate(zip(left, right, strict=True)):
-        # What an engine carries is its own affair, and where its solver starts from is not what it ends at.
+        # An engine's own data is not compared, nor where its solver starts, since that is not where it ends.
         if not exact:
             a, b = (s.replace(data=s.data.replace(engine=(), qacc_warmstart=())) for s in (a, b))
         for (path, x), y in zip(jax.tree.leaves_with_path(a), jax.tree.leaves(b), strict=True):

@@ -1,4 +1,4 @@
-"""The command line, `maax-mjx`: a file for each command."""
+"""The command line, `maax-mjx`, with a file for each command."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from maax_mjx.tasks import tasks
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
-Exit codes: 0 done; 2 a mistake in what was asked, named on stderr; 130 interrupted, with what was done written.
+Exit codes: 0 done; 2 a mistake in the arguments, named on stderr; 130 interrupted, after finished work was written.
 Tab completion: maax-mjx --tyro-print-completion bash (or zsh, tcsh) prints what your shell is to source."""
 
 
 @dataclass
 class Bench:
-    """Times things: maax-mjx bench lists what, maax-mjx bench NAME --help the options."""
+    """Runs a benchmark: maax-mjx bench lists them, maax-mjx bench NAME --help shows the options."""
 
     name: tyro.conf.Positional[names(BENCHMARKS)]  # type: ignore[valid-type]
-    """Which benchmark."""
+    """Name of the benchmark."""
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
@@ -46,7 +46,7 @@ def main(argv: list[str] | None = None) -> None:
     """The entry point: parses the command line and runs the command.
 
     Args:
-        argv: the arguments; None is those of the process.
+        argv: the arguments; None uses those of the process.
 
     Raises:
         SystemExit: 2 for a user's mistake, 130 after Ctrl-C.
@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def run(argv: list[str]) -> None:
-    """Runs any command but `bench`, whose options are those of a benchmark."""
+    """Runs any command but `bench`, whose options belong to the benchmarks."""
     if argv and not argv[0].startswith("-"):
         check_choice("command", argv[0], COMMANDS)
     argv, overrides = split_overrides(argv)

@@ -1,4 +1,4 @@
-"""`maax-mjx info`: what is installed here, and what environments take."""
+"""`maax-mjx info`: installed versions, and the configs of environments."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Info:
     """Shows what is installed: versions, devices, engines; or an environment's config, teams and observations."""
 
     env: tyro.conf.Positional[names(maax.tasks()) | None] = None  # type: ignore[valid-type]
-    """An environment's name; without one, what is installed is shown."""
+    """An environment's name; without one, shows what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 
@@ -55,7 +55,7 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
 
 
 def of_installation() -> dict[str, Any]:
-    """Versions, devices, which engines can be used, which "auto" takes, which OpenGL library works."""
+    """Collects versions, devices, usable engines, the engine that "auto" means, and the OpenGL library that works."""
     return {
         "maax_mjx": maax.__version__,
         "python": platform.python_version(),
@@ -71,11 +71,11 @@ def of_installation() -> dict[str, Any]:
 
 
 def of_env(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
-    """An environment: its config's fields and what it says of itself, its teams, its observations.
+    """Collects an environment's config fields, metadata, teams and observations.
 
     Args:
-        name: of the environment.
-        overrides: of its config, as texts.
+        name: name of the environment.
+        overrides: values of its config's fields, as texts.
     """
     config = config_with(name, "auto", overrides)
     env = maax.make(name, config)

@@ -1,4 +1,4 @@
-"""Ctrl-C, which must not tear down compiled code in the middle of what it does."""
+"""Handling of Ctrl-C without tearing down compiled code while it runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXIT_CODE = 130
 
 
 class Interrupt:
-    """Takes Ctrl-C instead of Python, which would raise in the middle of a compilation or a step, and crash there.
+    """Handles Ctrl-C instead of Python, which would raise during a compilation or a step, and crash there.
 
     Until `keep` is called there is nothing to write, and the process ends at once, compiling or not. After it, the
     first Ctrl-C sets `asked`, for the work to end and be written, and the second ends the process.
@@ -27,7 +27,7 @@ class Interrupt:
         self.asked = self._keeps = False
 
     def __enter__(self) -> Interrupt:
-        # The bytes come at once, while Python's own handler waits for the compiler to return.
+        # The bytes arrive at once, while Python's own handler waits for the compiler to return.
         self._bell, self._ear = socket.socketpair()
         self._bell.setblocking(False)
         self._handler = signal.signal(signal.SIGINT, lambda *_: None)
@@ -41,7 +41,7 @@ class Interrupt:
         self._bell.close()
 
     def keep(self) -> None:
-        """From now on there is something to write."""
+        """Marks that there is something to write from now on."""
         self._keeps = True
 
     def _listen(self) -> None:
@@ -63,7 +63,7 @@ def _leave() -> None:
         part.unlink(missing_ok=True)
     _tell("interrupted")
     sys.stdout.flush()
-    # Without the end of Python, at which threads that still compile would crash.
+    # Skips Python's shutdown, at which threads that still compile would crash.
     os._exit(EXIT_CODE)
 
 

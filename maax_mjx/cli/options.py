@@ -1,4 +1,4 @@
-"""What commands share: fields of an environment's config, results for machines."""
+"""Parts that the commands share: fields of an environment's config, results as JSON."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ MISTAKES = (ValueError, OSError, maax.MissingLibraryError)
 
 
 def names(choices: Iterable[str]) -> Any:
-    """The type of an option that takes one of some names, which Tab completes."""
+    """Returns the type of an option that takes one of some names, which Tab completes."""
     return Literal[tuple(choices)]
 
 
 def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
-    """The arguments without `--env.FIELD VALUE`, and these as FIELD: VALUE.
+    """Splits the arguments into those without `--env.FIELD VALUE`, and a dict of these.
 
     A value ends at the next option or at the name of an environment; several words are joined by commas, so that
     `--env.n_boxes 2 6` is `--env.n_boxes 2,6`.
@@ -50,7 +50,7 @@ def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
 
 
 def value_of(text: str) -> Any:
-    """A Python literal, words between commas as a tuple, or the word itself."""
+    """Parses a Python literal, words between commas as a tuple, or a single word."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -58,18 +58,18 @@ def value_of(text: str) -> Any:
 
 
 def make_env(name: str, impl: str, overrides: Mapping[str, str]) -> Environment:
-    """An environment by name, whose config's fields are given as texts; see `config_with`.
+    """Makes an environment by name, with fields of its config given as texts; see `config_with`.
 
     Raises:
-        ValueError: what `maax.make` refuses.
+        ValueError: a name or field that `maax.make` refuses.
     """
     return maax.make(name, config_with(name, impl, overrides))
 
 
 def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
-    """The config of an environment, with fields that are given as texts.
+    """Makes the config of an environment, with fields that are given as texts.
 
-    True stands for the defaults of a field that is a config of its own, such as `--env.grab True`.
+    True means the defaults of a field that is itself a config, such as `--env.grab True`.
 
     Raises:
         ValueError: an unknown field.
@@ -79,12 +79,12 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
     for field, inner in configs.items():
         if values.get(field) is True:
             values[field] = inner()
-    # Whole configs first, so that their own fields can follow in any order.
+    # Whole configs first, so that their own fields can be given in any order.
     return maax.config_of(name, **dict(sorted({"impl": impl, **values}.items(), key=lambda item: "." in item[0])))
 
 
 def _inner_configs(config: type) -> dict[str, type]:
-    """The classes of fields that are configs of their own, or None."""
+    """Returns the classes of the fields that are configs or None."""
     found = {}
     for field, hint in get_type_hints(config).items():
         kinds = [kind for kind in get_args(hint) if isinstance(kind, type) and is_dataclass(kind)]
@@ -99,10 +99,10 @@ def report(result: Mapping[str, Any], as_json: bool, lines: str) -> None:
 
 
 def count_of(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:
-    """A number, or a range of two.
+    """Returns a number, or a range of two.
 
     Raises:
-        ValueError: more or fewer.
+        ValueError: more or fewer numbers.
     """
     if len(values) == 1:
         return values[0]

@@ -1,4 +1,4 @@
-"""`maax-mjx replay`: a saved rollout as a page or a film."""
+"""`maax-mjx replay`: a page or film of a saved rollout."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ class Replay:
     file: tyro.conf.Positional[Path]
     """The rollout.npz that maax-mjx rollout wrote."""
     out: Path | None = None
-    """What to write, by its ending; none is the file's name with .html."""
+    """File to write, whose ending decides the kind; by default the input's name with .html."""
     worlds: tuple[int, ...] = ()
-    """Which of its worlds, side by side; none given are all."""
+    """Indices of the worlds to show, side by side; all by default."""
     speed: float = 1.0
-    """1 is real time."""
+    """Factor of the speed; 1 is real time."""
     size: tuple[int, int] = (640, 480)
-    """Of a film or picture, in pixels."""
+    """Size of a film or picture in pixels."""
     view: names(VIEWS) = "auto"  # type: ignore[valid-type]
-    """Of a film or picture: 3d, which needs OpenGL, plan, which needs none, or auto."""
+    """View of a film or picture: 3d (needs OpenGL), plan (needs none) or auto."""
     vision: bool = False
-    """Whether to show who sees where and whom; needs LineOfSight in the environment."""
+    """Whether to show what agents see; needs LineOfSight in the environment."""
     lidar: bool = False
     """Whether to show the lidar's rays; needs Lidar in the environment."""
     json: bool = False
@@ -47,8 +47,8 @@ def replay(args: Replay) -> None:
     """Runs the command.
 
     Raises:
-        ValueError: another ending, a file that is no rollout, or what the pictures refuse.
-        MissingLibraryError: without what the kind of picture needs.
+        ValueError: another ending, a file that is no rollout, or options that the pictures refuse.
+        MissingLibraryError: a library that the kind of picture needs is missing.
     """
     if args.file.is_dir():
         raise ValueError(f"file: got {args.file}, which is a folder; takes a rollout.npz of maax-mjx rollout")

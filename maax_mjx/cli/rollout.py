@@ -1,4 +1,4 @@
-"""`maax-mjx rollout`: a batch of worlds under random actions, its speed, pictures and files."""
+"""`maax-mjx rollout`: a batch of worlds under random actions, with its speed, pictures and files."""
 
 from __future__ import annotations
 
@@ -28,35 +28,41 @@ from maax_mjx.viewer import Recording, contact_sheet
 from maax_mjx.viewer.film import select_worlds
 
 SHEET = 12
+"""Worlds in worlds.png."""
 HOLD = 24
 """Env steps for which a random action is held."""
 FPS = 25
 MAX_FRAMES = 250
-"""Of the pictures, which show the first ten seconds of a longer rollout."""
+"""Frames of the film at most, which shows the first ten seconds of a longer rollout."""
 
 
 @dataclass
 class Rollout:
     """Builds an environment, rolls out a batch of worlds with random actions, and draws them.
 
-    Fields of the environment's config, which `maax-mjx info ENV` lists, are given as --env.n_boxes 2,6 --env.grab True
+    Fields of the environment's config, which `maax-mjx info ENV` lists, are set as in --env.n_boxes 2,6 --env.grab True
     --env.lock.radius 0.3. Writes worlds.png (12 worlds from above), rollout.gif (world 0 moving), rollout.npz (for
-    `maax-mjx replay`), replay.html (a page to look around in; needs the extra "viewer") and world.xml (world 0 for
-    plain MuJoCo).
+    `maax-mjx replay`), replay.html (an interactive page; needs the extra "viewer") and world.xml (world 0 for plain
+    MuJoCo).
     """
 
     env: tyro.conf.Positional[names(maax.tasks())] = "standard"  # type: ignore[valid-type]
-    """The environment's name."""
+    """Name of the environment."""
     worlds: int = 256
-    """Worlds stepped together, each in a layout of its own."""
+    """Number of worlds stepped together, each in its own layout."""
     steps: int = 1000
-    """Env steps."""
+    """Number of env steps."""
     seed: int = 0
+<<<<<<< HEAD
     """Of the worlds and the actions."""
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
+=======
+    """Seed of the worlds and the actions."""
+    impl: names(IMPLS) = "auto"  # type: ignore[valid-type]
+>>>>>>> wt-words
     """Physics engine."""
     show: int = 1
-    """Of how many worlds rollout.npz and replay.html are."""
+    """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
     """Folder for the files."""
     json: bool = False
@@ -68,11 +74,11 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
 
     Args:
         args: the options.
-        overrides: of the environment's config, as texts.
+        overrides: values of the environment's config fields, as texts.
 
     Raises:
-        ValueError: an option out of its range, or what `maax.make` refuses.
-        KeyboardInterrupt: after Ctrl-C, when all is written.
+        ValueError: an option out of its range, or arguments that `maax.make` refuses.
+        KeyboardInterrupt: after Ctrl-C, once everything is written.
     """
     for name in ("worlds", "steps", "show"):
         check_count(name, getattr(args, name), minimum=1)
@@ -127,7 +133,7 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
 
 
 def _advance(worlds: Worlds) -> jax.stages.Wrapped:
-    """`(states, key, n)`: n steps under one random action of every world."""
+    """Compiles `(states, key, n)`, which runs n steps under one random action of every world."""
 
     def advance(states: WorldsState, key: jax.Array, n: jax.Array) -> WorldsState:
         action = worlds.sample_action(key)

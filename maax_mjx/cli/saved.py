@@ -1,4 +1,4 @@
-"""The file of a rollout: the states of some worlds over time, and how their environment is made."""
+"""The file of a saved rollout: the states of some worlds over time, and how to make their environment."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ META = "meta"
 
 
 def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recording) -> None:
-    """Writes a recording, whole or not at all.
+    """Writes a recording completely or not at all.
 
     Args:
         path: the .npz file.
         env: the environment's name.
-        overrides: of its config, as texts.
-        recording: what was played.
+        overrides: values of its config's fields, as texts.
+        recording: the recording.
     """
     meta = {"format": FORMAT, "maax_mjx": maax.__version__, "env": env, "overrides": dict(overrides)}
     arrays: dict[str, Any] = {META: np.array(json.dumps(meta))} | _leaves(recording)
@@ -39,10 +39,10 @@ def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recordin
 
 
 def load(path: Path) -> tuple[Environment, Recording]:
-    """The environment, on the C engine or where there is an accelerator on MJX-JAX, and what was played in it.
+    """Loads the recording and its environment, on the C engine, or on MJX-JAX if there is an accelerator.
 
     Raises:
-        ValueError: a file that `save` did not write, or with another version.
+        ValueError: a file that `save` did not write, or one of another version.
     """
     try:
         with np.load(path) as file:
@@ -56,7 +56,7 @@ def load(path: Path) -> tuple[Environment, Recording]:
         ) from None
     if meta["format"] != FORMAT:
         raise ValueError(f"file: got {path} of format {meta['format']}; takes format {FORMAT}")
-    # Pictures need no engine; which one it is does not matter.
+    # Pictures do not depend on the engine.
     env = make_env(meta["env"], "c" if jax.default_backend() == "cpu" else "jax", meta["overrides"])
     template = Recording(strip(env.state_shape), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
     missing = sorted(set(_leaves(template)) - set(arrays))

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 UNFINISHED: set[Path] = set()
-"""What is being written, for an interrupt that ends the process to take away."""
+"""Files that are being written, for an interrupt that ends the process to delete."""
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Where to write what will be at `path` once it is complete, and not before."""
+    """Yields a temporary path to write to, which is moved to `path` once the file is complete."""
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     UNFINISHED.add(part)
     try:

@@ -1,4 +1,4 @@
-"""`maax-mjx worlds`: layouts from above."""
+"""`maax-mjx worlds`: pictures of layouts from above."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ Outer = Literal["walls", "limits", "none"]
 
 @dataclass
 class Sheet:
-    """Draws worlds from above: a contact sheet of layouts, nothing is stepped."""
+    """Draws worlds from above, as a sheet of layouts, without stepping them."""
 
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
-    """Room scenarios; of several, every world draws one."""
+    """Room scenarios; each world draws one of several."""
     placement: tuple[str, ...] = ("uniform",)
-    """Where the agents go, each placement in worlds of its own: uniform, centre, middle, quad, outside_quad, room0,
+    """Placements of the agents, each in separate worlds: uniform, centre, middle, quad, outside_quad, room0,
     room1, ..., at:X:Y, middle:FRACTION, separation:RADIUS, proximity:RADIUS:OBJECT (such as proximity:1:box0),
     room:INDEX."""
     n: int = 12
-    """How many worlds for each placement."""
+    """Number of worlds for each placement."""
     outer: Outer = "walls"
-    """What closes the arena: walls, joint limits, or nothing."""
+    """How the arena is closed: walls, joint limits, or not at all (none)."""
     n_agents: int = 4
-    """Agents per world."""
+    """Number of agents per world."""
     n_boxes: tuple[int, ...] = (1,)
-    """Boxes per world: one number, or LOW HIGH for a range."""
+    """Number of boxes per world, or LOW HIGH for a range."""
     n_elongated_boxes: tuple[int, ...] = (0,)
-    """Elongated ones among the boxes: one number, or LOW HIGH for a range."""
+    """Number of elongated boxes, or LOW HIGH for a range."""
     n_ramps: tuple[int, ...] = (1,)
-    """Ramps per world: one number, or LOW HIGH for a range."""
+    """Number of ramps per world, or LOW HIGH for a range."""
     seed: int = 0
-    """Of the worlds."""
+    """Seed of the worlds."""
     out: Path = field(default_factory=lambda: Path("maax-out") / "sheet.png")
-    """The picture."""
+    """File of the picture."""
     json: bool = False
     """Whether to print the result as JSON."""
 
@@ -77,10 +77,10 @@ def _title(args: Sheet, world: World, placement: str) -> str:
 
 
 def parse_placement(text: str) -> PlacementFn:
-    """The placement function that a text such as "middle:0.5" names.
+    """Returns the placement function that a text such as "middle:0.5" names.
 
     Raises:
-        ValueError: an unknown name, or arguments that it does not take.
+        ValueError: an unknown name, or arguments that the placement does not take.
     """
     name, *values = text.split(":")
     if not values:

@@ -76,15 +76,20 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
     room = int(JAMMING * free / (width * height))
     if max(width, height) > grid_size:
         raise ValueError(
-            f"{module.name}: got an object of {width} x {height} cells; the floor takes up to {grid_size} x {grid_size}"
+            f"{_plural(module)}: got an object of {width} x {height} cells; "
+            f"the floor takes up to {grid_size} x {grid_size}"
         )
     if sum(w * h for _, (w, h) in footprints) > JAMMING * free:
-        counts = ", ".join(f"{len(m.extents)} {m.name}" for m in modules if m.extents)
+        counts = ", ".join(f"{len(m.extents)} {_plural(m)}" for m in modules if m.extents)
         raise ValueError(
-            f"n_{module.name}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} free "
-            f"cells over a largest footprint of {width} x {height} cells, of which random placement fills "
+            f"n_{_plural(module)}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} "
+            f"free cells over a largest footprint of {width} x {height} cells, of which random placement fills "
             f"{JAMMING:.0%}"
         )
+
+
+def _plural(module: Module) -> str:
+    return module.plural if isinstance(module, Placed) else module.name
 
 
 def _footprint(extent: tuple[float, float], cell: float) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Drawing which boxes or sites of a world are elongated, and along which axis (OpenAI's rule)."""
+"""Numbers and directions of the elongated boxes or sites of a world (OpenAI's rule)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from maax_mjx.common.keys import draw_integer, named_key
 from maax_mjx.common.params import DomainParams, Parameter
 
 LONG, THIN = 3.3, 0.3
-"""Factors of length and width of an elongated object: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""
+"""Factors of an elongated object's length and width: 1.65 x 0.15 m instead of 0.5 x 0.5 m."""
 
 
 class Elongated:

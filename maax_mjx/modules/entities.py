@@ -1,4 +1,4 @@
-"""Movable things, of which a world has a drawn number: agents, boxes, ramps, cylinders."""
+"""Movable things in drawn numbers: agents, boxes, ramps, cylinders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Placed objects, of which a world has a drawn number."""
+"""Objects that are placed in a world, in a drawn number."""
 
 from __future__ import annotations
 

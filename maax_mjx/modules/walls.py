@@ -40,7 +40,7 @@ class WallScenarios(Module):
     Args:
         scenario: "empty" (outer walls only), "half" (two rooms), "quad" (a quadrant at high x, low y, with a door in
             each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), one of your own
-            (see `layout.register_scenario`), or several of these, of which each world draws one.
+            (see `layout.register_scenario`), or several of these; each world then draws one.
         door_size: doors in cells; the true opening is one cell and a thickness wider. 0 makes walls without doors.
         p_door_dropout: probability that only one of a quadrant's walls has a door, or (low, high).
         probabilities: probabilities of several scenarios; None makes them equal.

@@ -31,7 +31,7 @@ class WorldConfig:
     the agents of a team (within 0.5 m of the first of them, who starts anywhere); or a placement function.
 
     Attributes:
-        scenario: the room scenario, or several of which each world draws one; see `WallScenarios`.
+        scenario: the room scenario, or several, one of which each world draws; see `WallScenarios`.
         n_boxes, n_ramps: number per world, or (low, high).
         n_elongated_boxes: number of elongated boxes; see `Boxes`.
         box_placement, ramp_placement: where boxes and ramps start.

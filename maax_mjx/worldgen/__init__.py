@@ -1,4 +1,4 @@
-"""The object tree, and how it becomes a MuJoCo model (thesis 4.3.2). Host code: mujoco and numpy, never jax."""
+"""The object tree, and its translation to a MuJoCo model (thesis 4.3.2). Host code: mujoco and numpy, never jax."""
 
 from maax_mjx.worldgen import transforms
 from maax_mjx.worldgen.builder import WorldBuilder, WorldParams

@@ -1,4 +1,4 @@
-"""Annotations of MJCF files: bodies whose box geoms say where things are, and which the model leaves out."""
+"""Annotations of MJCF files: bodies whose box geoms mark bounds and placements, and which the model leaves out."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ OUTER_BOUND = f"{PREFIX}outer_bound"
 
 @dataclass(frozen=True)
 class Annotations:
-    """What a file's annotations say.
+    """The annotations of a file.
 
     Attributes:
-        size: the object's extents in metres, (3,).
-        main: position of the body "main" from the centre of the bounding box, in metres, (3,).
-        placements: by name, relative to the lower corner of the bounding box.
+        size: (3,) metres, the object's extents.
+        main: (3,) metres, position of the body "main" from the centre of the bounding box.
+        placements: placements by name, relative to the lower corner of the bounding box.
     """
 
     size: np.ndarray
@@ -34,8 +34,8 @@ def read_annotations(source: mujoco.MjSpec, file: Path) -> Annotations:
     """Reads the annotations of an object.
 
     Raises:
-        ValueError: MuJoCo refuses the file, a body is missing from it or is not of the object, or one is turned or
-            lacks its box.
+        ValueError: MuJoCo refuses the file, a body is missing or outside of the object, or one is turned or lacks its
+            box.
     """
     for name in (OUTER_BOUND, MAIN):
         if source.body(name) is None:
@@ -44,7 +44,7 @@ def read_annotations(source: mujoco.MjSpec, file: Path) -> Annotations:
     others = [element.name for element in [*world.bodies, *world.geoms] if not element.name.startswith(PREFIX)]
     if others != [MAIN]:
         raise ValueError(f"path: {file} has {others} at its top; takes one body {MAIN!r}, which holds the rest")
-    # MuJoCo itself says where the bodies are, whatever frames, defaults and angles the file uses.
+    # MuJoCo computes the bodies' positions, whatever frames, defaults and angles the file uses.
     whole = source.copy()
     whole.compiler.fusestatic = whole.compiler.discardvisual = False
     try:
@@ -66,7 +66,7 @@ def read_annotations(source: mujoco.MjSpec, file: Path) -> Annotations:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, name: str, file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and extents of a body's box in metres, (3,) each."""
+    """Returns centre and extents of a body's box in metres, (3,) each."""
     body = model.body(name)
     geom = int(body.geomadr[0])
     if body.geomnum[0] != 1 or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_BOX:

@@ -1,4 +1,4 @@
-"""From the object tree to a `mujoco.MjSpec`."""
+"""Conversion of the object tree to a `mujoco.MjSpec`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class WorldParams:
     Attributes:
         timestep: physics step in seconds.
         gravity: along z, in m/s^2.
-        iterations: Newton iterations per step. Ten eject agents that push into a corner; twenty hold them.
+        iterations: Newton iterations per step. With ten, agents that push into a corner are ejected; with twenty they
+            stay.
         ls_iterations: line-search iterations per Newton iteration.
     """
 
@@ -51,7 +52,7 @@ class WorldBuilder(Obj):
 
     Args:
         params: physics options.
-        seed: of the sizes and positions that the tree leaves open. The same seed gives the same MJCF.
+        seed: seed of the sizes and positions that the tree leaves open. The same seed gives the same MJCF.
     """
 
     kind = "world"
@@ -68,7 +69,7 @@ class WorldBuilder(Obj):
         return super().append(obj, placement_name, placement_xy)
 
     def mark_static(self) -> NoReturn:
-        """Refused: what is static is an object of the world."""
+        """Refuses: only objects of the world can be static."""
         raise ValueError("mark_static: a WorldBuilder is no object of its world; mark its objects")
 
     def mark(
@@ -80,11 +81,11 @@ class WorldBuilder(Obj):
         geom_type: str = "sphere",
         size: float = 0.1,
     ) -> NoReturn:
-        """Refused: the world's extents are its floor's, so its marks are too."""
+        """Refuses: the world's extents are its floor's, and so are its marks."""
         raise ValueError("mark: a WorldBuilder has no extents; mark its floor")
 
     def set_material(self, material: Material) -> NoReturn:
-        """Refused: a material is an object's."""
+        """Refuses: only objects have a material."""
         raise ValueError("set_material: a WorldBuilder has no geoms; set the material of its floor or objects")
 
     def to_spec(self) -> mujoco.MjSpec:
@@ -114,13 +115,13 @@ class WorldBuilder(Obj):
         return spec
 
     def to_mjcf(self) -> str:
-        """The world as an MJCF string."""
+        """Returns the world as an MJCF string."""
         spec = self.to_spec()
         spec.compile()
         return spec.to_xml()
 
     def to_xinit(self) -> dict[str, float | np.ndarray]:
-        """The initial qpos of every joint of the world that `to_spec` builds, by the joint's name.
+        """Returns the initial qpos of every joint of the world that `to_spec` builds, by the joint's name.
 
         Metres for slides, radians for hinges; (7,) for free joints: position in metres and unit quaternion, w first;
         (4,) for ball joints.

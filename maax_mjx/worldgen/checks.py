@@ -1,4 +1,4 @@
-"""Checks of what users pass in. Every message names the argument, what it got and what it takes."""
+"""Checks of arguments. Every message names the argument, what it got and what it takes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 def check_vector(
     name: str, value: Any, length: int, takes: str, low: float = -np.inf, high: float = np.inf
 ) -> np.ndarray:
-    """That many finite numbers in [low, high], as an array; `takes` says in words what they are."""
+    """Returns `length` finite numbers in [low, high] as an array; `takes` describes them in the message."""
     try:
         vector = np.asarray(value, float)
     except (TypeError, ValueError):
@@ -22,12 +22,12 @@ def check_vector(
 
 
 def check_rgba(name: str, value: Any) -> np.ndarray:
-    """A colour and its opacity, (4,) in [0, 1]."""
+    """Returns a colour with opacity, (4,) in [0, 1]."""
     return check_vector(name, value, 4, "four numbers in [0, 1]: red, green, blue and opacity", 0.0, 1.0)
 
 
 def check_number(name: str, value: Any, takes: str, low: float = 0.0, *, above: bool = False) -> float:
-    """A finite number of at least `low`; `above` leaves out `low` itself."""
+    """Returns a finite number of at least `low`; `above` excludes `low` itself."""
     is_number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if not is_number or not low <= value < np.inf or (above and value == low):
         raise ValueError(f"{name}: got {value!r}; takes {takes}")
@@ -35,7 +35,7 @@ def check_number(name: str, value: Any, takes: str, low: float = 0.0, *, above: 
 
 
 def check_choice(name: str, value: Any, choices: Sequence[str]) -> str:
-    """One of several words."""
+    """Returns one of several words."""
     if value not in choices:
         raise ValueError(f"{name}: got {value!r}; takes one of {list(choices)}")
     return str(value)

@@ -1,4 +1,4 @@
-"""The root of every world."""
+"""The floor, root of every world."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from maax_mjx.worldgen.obj import Obj, Placement
 from maax_mjx.worldgen.written import Written
 
 PARKING_HEIGHT = 20.0
+"""Metres above the floor of the lowest parked entity."""
 
 
 class Floor(Obj):
     """A square plane whose lower-left corner is the origin of all coordinates.
 
-    Objects go to its placement "top", or to "parking": 20 m up, one above the other, which is where a world keeps
-    the entities that are not in play.
+    Objects go to its placement "top", or to "parking": 20 m up, one above the other, where a world keeps the entities
+    that are not in play.
 
     Args:
         size: edge length in metres.

@@ -18,12 +18,12 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 
 
 class ObjFromSTL(Solid):
-    """A mesh from a binary STL file, its bounding box in its placement.
+    """A mesh from a binary STL file, with its bounding box in its placement.
 
     The mesh is written into the model itself, so that an MJCF string of the world needs no files. MuJoCo collides its
-    convex hull, and mass and inertia are the hull's too, which is defined for meshes with holes as well.
+    convex hull; mass and inertia are the hull's too, which is defined for meshes with holes as well.
 
-    Contacts are of condim 6, as in OpenAI's worldgen: a mesh may touch the ground in one or two points, where sliding
+    Contacts have condim 6, as in OpenAI's worldgen: a mesh may touch the ground in one or two points, where sliding
     friction alone stops neither its spin nor its roll.
 
     Args:
@@ -32,8 +32,8 @@ class ObjFromSTL(Solid):
         mass: in kg; None with no `density` is 1 kg.
         density: in kg/m^3, instead of the mass.
         friction: sliding friction; None keeps MuJoCo's default of 1.
-        damping: of the joints (N s/m, Nm s/rad).
-        free: a free joint instead of slides x, y, z and a yaw hinge.
+        damping: damping of the joints (N s/m, Nm s/rad).
+        free: whether it has a free joint instead of slides x, y, z and a yaw hinge.
         rgba: colour.
 
     Raises:
@@ -54,7 +54,7 @@ class ObjFromSTL(Solid):
         rgba: Sequence[float] = (0.5, 0.5, 0.5, 1.0),
     ):
         if mass is not None and density is not None:
-            raise ValueError(f"density: got {density!r} beside mass={mass!r}; takes one of the two")
+            raise ValueError(f"density: got {density!r} together with mass={mass!r}; takes one of the two")
         if density is not None:
             check_number("density", density, "a positive number of kg/m^3", above=True)
         mass = 1.0 if mass is None and density is None else mass
@@ -66,7 +66,7 @@ class ObjFromSTL(Solid):
         self.extents = high - low
         self._vertices, faces = np.unique(corners - (low + high) / 2, axis=0, return_inverse=True)
         self._faces = faces.reshape(-1, 3)
-        # By content: two files may share a name, and two objects a file.
+        # Named by content: two files may share a name, and two objects a file.
         self._mesh = f"{self.kind}_{sha1(corners.tobytes(), usedforsecurity=False).hexdigest()[:8]}"
         self._check_compiles(path)
 
@@ -100,7 +100,7 @@ class ObjFromSTL(Solid):
 
 
 def read_stl(path: str | Path) -> np.ndarray:
-    """The corners of all triangles of a binary STL file, (3 * n_triangles, 3), in the file's units.
+    """Returns the corners of all triangles of a binary STL file, (3 * n_triangles, 3), in the file's units.
 
     Raises:
         ValueError: no such file, or not a binary STL file.

@@ -21,9 +21,9 @@ class ObjFromXML(Obj):
 
     The file holds one body named "main", without rotation, and a body "annotation:outer_bound" whose box geom is the
     object's bounding box. Every other body "annotation:<name>" with a box geom is a placement <name> for children,
-    who stand on the box's lower face and must fit into it ("annotation:top", "annotation:inside"; OpenAI's worldgen).
-    Annotations are left out of the model. There, "main" takes the object's name, and every other name gets it as a
-    prefix: `agent0`, `agent0:x`, `agent0:hand_left`.
+    which stand on the box's lower face and must fit into it ("annotation:top", "annotation:inside"; OpenAI's
+    worldgen). The model leaves out annotations. In it, "main" gets the object's name, and every other name gets that
+    as a prefix: `agent0`, `agent0:x`, `agent0:hand_left`.
 
     Args:
         path: the file; a bare name is looked up among the package's assets.
@@ -31,8 +31,8 @@ class ObjFromXML(Obj):
         rgba: colour for all its geoms; None keeps the file's.
 
     Raises:
-        ValueError: no such file, one that MuJoCo refuses, a body is missing from it, another one or a geom is beside
-            "main", a body is turned or lacks its box, or `rgba` is no colour.
+        ValueError: no such file, one that MuJoCo refuses, a missing body, another body or geom next to "main", a body
+            that is turned or lacks its box, or `rgba` is no colour.
     """
 
     def __init__(self, path: str | Path, name: str | None = None, *, rgba: tuple[float, ...] | None = None):

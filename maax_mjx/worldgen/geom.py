@@ -26,13 +26,13 @@ class Geom(Solid):
         geom_type: "box", "sphere" or "cylinder".
         min_size: full extents in metres: (x, y, z) of a box, (diameter,) of a sphere, (diameter, height) of a
             cylinder.
-        max_size: upper extents; each is then drawn uniformly between the two, and along x and y cut to what its
+        max_size: upper extents; each extent is drawn uniformly between the two, and along x and y cut to what the
             placement holds, but not below `min_size` (as in OpenAI's worldgen).
         name: body and geom name.
         mass: in kg.
         friction: sliding friction; None keeps MuJoCo's default of 1.
-        damping: of the joints (N s/m, Nm s/rad).
-        free: a free joint instead of slides x, y, z and a yaw hinge.
+        damping: damping of the joints (N s/m, Nm s/rad).
+        free: whether it has a free joint instead of slides x, y, z and a yaw hinge.
         rgba: colour.
 
     Raises:
@@ -119,6 +119,6 @@ class Wedge(Solid):
 
 
 def wedge_vertices() -> np.ndarray:
-    """The six corners of a unit wedge centred on its bounding box, (6, 3)."""
+    """Returns the six corners (6, 3) of a unit wedge centred on its bounding box."""
     corners = [(x, y, z) for x in (-0.5, 0.5) for y, z in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5))]
     return np.array(corners)

@@ -1,7 +1,7 @@
 """Joints of movable objects, in absolute coordinates.
 
-`ref` makes qpos the position of the body itself: a slide's qpos is the body's coordinate in metres in the
-floor frame, as a free joint's is, and the model's default configuration is where the object was put.
+`ref` makes qpos the position of the body itself: a slide's qpos is the body's coordinate in metres in the floor frame,
+like a free joint's, and the model's default configuration is where the object was placed.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ def add_body(spec: mujoco.MjSpec, name: str, centre: np.ndarray, *, free: bool, 
         spec: the spec to write to.
         name: the body's name.
         centre: the body's position in metres, (3,).
-        free: one free joint instead of three slides and a yaw hinge.
-        damping: of every joint (N s/m, Nm s/rad); ignored by MuJoCo where it is 0.
+        free: whether to add one free joint instead of three slides and a yaw hinge.
+        damping: damping of every joint (N s/m, Nm s/rad); MuJoCo ignores 0.
     """
     body = spec.worldbody.add_body(name=name, pos=centre)
     if free:

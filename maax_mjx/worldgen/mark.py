@@ -40,7 +40,7 @@ class Mark:
             check_vector("absolute_xyz", self.absolute_xyz, 3, "three lengths in metres, or None")
             if tuple(self.relative_xyz) != CENTRE:
                 raise ValueError(
-                    f"absolute_xyz: got {self.absolute_xyz!r} beside relative_xyz={self.relative_xyz!r}; takes one of "
+                    f"absolute_xyz: got {self.absolute_xyz!r} with relative_xyz={self.relative_xyz!r}; takes one of "
                     "the two"
                 )
         check_rgba("rgba", self.rgba)
@@ -48,10 +48,11 @@ class Mark:
         check_number("size", self.size, "a positive number of metres", above=True)
 
     def write(self, written: Written, position: np.ndarray, size: np.ndarray) -> None:
-        """Adds the site to what an object wrote, whose lower corner is at `position` (m), (3,), and extents `size`.
+        """Adds the site to an object's part of the spec; `position` (3,) is its lower corner in metres, `size` its
+        extents.
 
         Raises:
-            ValueError: the world has a site of that name.
+            ValueError: the world already has a site of that name.
         """
         if written.spec.site(self.name) is not None:
             raise ValueError(f"name: the world has a mark {self.name!r} already; takes a name of its own for each")

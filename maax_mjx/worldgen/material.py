@@ -1,4 +1,4 @@
-"""Materials: how an object looks."""
+"""Materials of objects: colours and textures."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from maax_mjx.worldgen.written import Written
 
 Rgb = Sequence[float]
 PIXELS = 64
+"""Edge of a texture's square faces, in pixels."""
 WHITE = (1.0, 1.0, 1.0, 1.0)
 LIGHT, DARK = (0.8, 0.8, 0.8), (0.5, 0.5, 0.5)
 BUILTINS = {
@@ -28,25 +29,25 @@ TYPES = {"cube": mujoco.mjtTexture.mjTEXTURE_CUBE, "2d": mujoco.mjtTexture.mjTEX
 class Material:
     """A colour, or a texture that MuJoCo makes (MuJoCo docs, asset/texture `builtin`): no files.
 
-    The same material may be set on several objects. A random one draws what is left None from a hash of its name, so
-    that the same name gives the same look in every world and on every machine (as in OpenAI's worldgen).
+    The same material may be set on several objects. A random one draws the fields that are None from a hash of its
+    name, so that the same name gives the same appearance in every world and on every machine (as in OpenAI's worldgen).
 
     Args:
-        name: in the model; None takes the name of each object that it is set on.
+        name: name in the model; None uses the name of each object that it is set on.
         rgba: colour, four numbers in [0, 1]; it tints a texture. None is white under a texture.
         texture: "checker" (two by two fields), "gradient" (from rgb1 to rgb2), "flat" (rgb1; the lower face rgb2), or
             None.
         rgb1: the texture's first colour, three numbers in [0, 1]; None is light grey.
         rgb2: its second colour; None is grey.
-        texture_type: "cube" wraps it around the object, a whole one on each side; "2d" projects it along z, which is
-            what a floor takes.
-        repeat: how often a "2d" texture repeats along x and y of the object; None is once.
-        random: whether to draw what is left None: the texture or a plain colour, and the colours.
-        seed: of a random one: another look under the same name.
+        texture_type: "cube" wraps it around the object, a whole one on each side; "2d" projects it along z, as a floor
+            needs.
+        repeat: repetitions of a "2d" texture along x and y of the object; None is one.
+        random: whether to draw the fields that are None: the texture or a plain colour, and the colours.
+        seed: seed of a random material, for another appearance under the same name.
 
     Raises:
-        ValueError: a value outside its range; nothing that gives a look; colours or `repeat` that no texture would
-            use; `random` with nothing left to draw; a seed without `random`.
+        ValueError: a value outside its range; neither colour, texture nor `random`; colours or `repeat` that no texture
+            uses; `random` with nothing left to draw; a seed without `random`.
     """
 
     name: str | None = None
@@ -71,12 +72,12 @@ class Material:
             if value is not None:
                 self._set(name, check_vector(name, value, 3, "three numbers in [0, 1]: red, green and blue", 0.0, 1.0))
                 if self.texture is None:
-                    raise ValueError(f"{name}: got {value!r} without a texture; takes one beside it")
+                    raise ValueError(f"{name}: got {value!r} without a texture; takes None there")
         check_choice("texture_type", self.texture_type, list(TYPES))
         if self.repeat is not None:
             self._set("repeat", check_vector("repeat", self.repeat, 2, "two positive numbers, or None", 1e-9))
             if self.texture_type != "2d" or self.texture is None:
-                raise ValueError(f"repeat: got {self.repeat!r}; takes None but for a texture of texture_type='2d'")
+                raise ValueError(f"repeat: got {self.repeat!r}; takes None except with texture_type='2d' and a texture")
         if self.random and None not in (self.texture, self.rgb1, self.rgb2):
             raise ValueError("random: got True with texture, rgb1 and rgb2 given; takes False, or one of them None")
         if self.seed is not None and (not self.random or not isinstance(self.seed, int)):
@@ -85,38 +86,40 @@ class Material:
             raise ValueError("rgba: got None without a texture; takes a colour, a texture or random=True")
 
     def _set(self, name: str, vector: np.ndarray) -> None:
-        # Tuples, whatever came in, so that equal looks compare equal.
+        # Tuples, whatever was given, so that equal materials compare equal.
         object.__setattr__(self, name, tuple(vector.tolist()))
 
     def write(self, written: Written, owner: str) -> None:
-        """Gives what an object wrote this look; `owner` is the object's name.
+        """Sets this material on an object's geoms; `owner` is the object's name.
 
         Raises:
             ValueError: the spec has another material of this name.
         """
-        spec, look = written.spec, self.look(owner)
-        assert look.name is not None
-        rgba = WHITE if look.rgba is None else look.rgba
-        # `info` is MuJoCo's place for what a compiler error should say of an element; here it also tells looks apart.
-        there = spec.material(look.name)
-        if there is not None and there.info != repr(look):
-            raise ValueError(f"name: two different materials are named {look.name!r}; takes a name of its own for each")
+        spec, resolved = written.spec, self.resolve(owner)
+        assert resolved.name is not None
+        rgba = WHITE if resolved.rgba is None else resolved.rgba
+        # MuJoCo shows `info` in a compiler error about an element; here it also distinguishes materials.
+        there = spec.material(resolved.name)
+        if there is not None and there.info != repr(resolved):
+            raise ValueError(
+                f"name: two different materials are named {resolved.name!r}; takes a name of its own for each"
+            )
         if there is None:
-            material = spec.add_material(name=look.name, rgba=rgba, info=repr(look))
-            if look.texture is not None:
+            material = spec.add_material(name=resolved.name, rgba=rgba, info=repr(resolved))
+            if resolved.texture is not None:
                 spec.add_texture(
-                    name=look.name, type=TYPES[look.texture_type], builtin=BUILTINS[look.texture],
-                    rgb1=LIGHT if look.rgb1 is None else look.rgb1, rgb2=DARK if look.rgb2 is None else look.rgb2,
-                    width=PIXELS, height=PIXELS,
+                    name=resolved.name, type=TYPES[resolved.texture_type], builtin=BUILTINS[resolved.texture],
+                    rgb1=LIGHT if resolved.rgb1 is None else resolved.rgb1,
+                    rgb2=DARK if resolved.rgb2 is None else resolved.rgb2, width=PIXELS, height=PIXELS,
                 )  # fmt: skip
-                material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = look.name
-                material.texrepeat = look.repeat or (1.0, 1.0)
+                material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = resolved.name
+                material.texrepeat = resolved.repeat or (1.0, 1.0)
         for geom in written.geoms:
-            # A geom's own colour goes before its material's.
-            geom.material, geom.rgba = look.name, rgba
+            # A geom's own colour overrides its material's.
+            geom.material, geom.rgba = resolved.name, rgba
 
-    def look(self, owner: str) -> Material:
-        """This material with its name, and what `random` leaves open, filled in for an object named `owner`."""
+    def resolve(self, owner: str) -> Material:
+        """Returns this material for an object named `owner`, with its name and all random fields filled in."""
         name = self.name or owner
         if not self.random:
             return replace(self, name=name)

@@ -23,8 +23,9 @@ from maax_mjx.worldgen.written import Transform, Written
 
 Vec3 = np.ndarray
 PLACEMENT_TRIES = 100
-# Sizes read from files are float32: a child that is too large by less than this (m) fits.
+"""Random positions tried for a child."""
 TOLERANCE = 1e-6
+"""Metres by which a child may be too large, since sizes read from files are float32."""
 ANYTHING = np.full(2, np.inf)
 
 
@@ -60,12 +61,12 @@ class Obj:
         self._transforms: list[Transform] = []
 
     def append(self, obj: Obj, placement_name: str = "top", placement_xy: tuple[float, float] | None = None) -> Obj:
-        """Adds a child to a placement and returns the child.
+        """Adds a child to a placement, and returns the child.
 
         Args:
             obj: the child.
-            placement_name: which placement of this object holds it; or how the names of several begin, of which one
-                is drawn uniformly ("shelf" for "shelf0" and "shelf1").
+            placement_name: placement of this object that holds it; or a common prefix of several, one of which is drawn
+                uniformly ("shelf" for "shelf0" and "shelf1").
             placement_xy: position as a fraction in [0, 1] of the free span; None draws it.
 
         Raises:
@@ -93,12 +94,12 @@ class Obj:
         geom_type: str = "sphere",
         size: float = 0.1,
     ) -> Obj:
-        """Puts a named site on this object, which moves along with it.
+        """Puts a named site on this object, which moves with it.
 
         Args:
-            name: the site's name in the model; one per world.
-            relative_xyz: where, as fractions of the object's extents from its lower corner, (3,).
-            absolute_xyz: where, in metres from its lower corner, (3,), instead of `relative_xyz`.
+            name: the site's name in the model, unique in the world.
+            relative_xyz: (3,) position from the object's lower corner, as fractions of its extents.
+            absolute_xyz: (3,) position from its lower corner in metres, instead of `relative_xyz`.
             rgba: colour, four numbers in [0, 1].
             geom_type: "sphere", "box", "cylinder", "capsule" or "ellipsoid".
             size: radius, or half the extent, in metres.
@@ -115,10 +116,10 @@ class Obj:
         return self
 
     def set_material(self, material: Material) -> Obj:
-        """Sets the look of this object's geoms, instead of their colours; once. Returns this object.
+        """Sets the material of this object's geoms, in place of their colours, once, and returns this object.
 
         Raises:
-            ValueError: no `Material`, or the object has one.
+            ValueError: no `Material`, or the object already has one.
         """
         if not isinstance(material, Material):
             raise ValueError(f"material: got {material!r}; takes a Material")
@@ -128,13 +129,13 @@ class Obj:
         return self
 
     def add_transform(self, fn: Transform) -> Obj:
-        """Adds a function that changes what this object wrote into the spec, before its children are written.
+        """Adds a function that changes this object's part of the spec, before its children are written.
 
-        Transforms run in phase 5, in the order in which they were added, after the marks and the material. One of
-        the `WorldBuilder` runs last and is given the whole world.
+        Transforms run in phase 5, in the order in which they were added, after the marks and the material. Those of the
+        `WorldBuilder` run last and get the whole world.
 
         Args:
-            fn: takes a `Written`; what it returns is ignored. `maax_mjx.worldgen.transforms` has some.
+            fn: takes a `Written`; its result is ignored. `maax_mjx.worldgen.transforms` has some.
 
         Returns:
             This object.
@@ -148,7 +149,7 @@ class Obj:
         return self
 
     def assign_names(self, counters: Counter[str]) -> None:
-        """Phase 2: names every unnamed object "<kind><index>", counted over the whole tree, past `given_names`."""
+        """Runs phase 2: names every unnamed object "<kind><index>", counted over the whole tree, past `given_names`."""
         while self.name is None:
             name = f"{self.kind}{counters[self.kind]}"
             counters[self.kind] += 1
@@ -158,16 +159,16 @@ class Obj:
             child.obj.assign_names(counters)
 
     def given_names(self) -> Counter[str]:
-        """The names that are given in this object's tree already."""
+        """Returns the names already given in this object's tree."""
         own = Counter([self.name]) if self.name else Counter()
         return sum((child.obj.given_names() for child in self.children), own)
 
     def generate(self, rng: np.random.Generator, room: np.ndarray = ANYTHING) -> None:
-        """Phase 3: draws this object's size, then its children's placements, sizes and relative positions.
+        """Runs phase 3: draws this object's size, then its children's placements, sizes and relative positions.
 
         Args:
-            rng: of everything that is drawn.
-            room: the extents along x and y (m) of the placement that this object goes to, (2,).
+            rng: generator of all draws.
+            room: (2,) metres, extents along x and y of the placement that holds this object.
 
         Raises:
             WorldFullError: a child does not fit into its placement.
@@ -183,13 +184,13 @@ class Obj:
             self._place([i for i, held in enumerate(held_by) if held == name], name, placement, rng)
 
     def locate(self, position: Vec3) -> None:
-        """Phase 4: fixes the absolute position (m) of the lower corner of this object and of all below it."""
+        """Runs phase 4: fixes the absolute position (m) of the lower corners of this object and all its descendants."""
         self.position = position
         for child, relative in zip(self.children, self._relative, strict=True):
             child.obj.locate(position + relative)
 
     def add_to_spec(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
-        """Phase 5: writes this object and its children into the spec."""
+        """Runs phase 5: writes this object and its children into the spec."""
         written = self._write(spec, parent)
         for mark in self._marks:
             mark.write(written, self.position, self.size)
@@ -198,7 +199,7 @@ class Obj:
         for transform in self._transforms:
             transform(written)
         for child in self.children:
-            # A child of a movable object still moves on its own: only static ones join the parent's body.
+            # A child of a movable object moves on its own: only static ones join the parent's body.
             child.obj.add_to_spec(spec, written.body if child.obj.static else spec.worldbody)
 
     @property
@@ -207,17 +208,17 @@ class Obj:
         return self.position + self.size / 2
 
     def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
-        """Sets `size` and `placements`; `room` is the placement's extents (m) along x and y, (2,)."""
+        """Sets `size` and `placements`; `room` (2,) is the placement's extents along x and y in metres."""
         raise NotImplementedError
 
     def _write(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> Written:
-        """Writes this object alone and returns what it wrote."""
+        """Writes this object without its children, and returns what was written."""
         raise NotImplementedError
 
     def _place(self, ids: list[int], name: str, placement: Placement, rng: np.random.Generator) -> None:
         done: list[tuple[Vec3, Vec3]] = []
         height = 0.0
-        # Given places first, so that drawn ones keep clear of them.
+        # Given positions first, so that drawn ones avoid them.
         for i in sorted(ids, key=lambda i: self.children[i].xy is None):
             child = self.children[i]
             free = placement.size - child.obj.size

@@ -1,4 +1,4 @@
-"""Placements: where an object holds its children."""
+"""Placements: the parts of an object that hold its children."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class WorldFullError(RuntimeError):
-    """No room was found for an object inside its placement."""
+    """An object that found no room inside its placement."""
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,9 @@ class Placement:
     """An axis-aligned box, relative to its object's lower corner, that holds children.
 
     Attributes:
-        origin: lower corner in metres, (3,). Children stand on it.
-        size: extents in metres, (3,); inf is open above.
-        stacked: children go on top of each other along z with a gap, instead of side by side.
+        origin: (3,) metres, the lower corner. Children stand on its height.
+        size: (3,) metres, the extents; inf is open above.
+        stacked: whether children are put on top of each other along z with a gap, instead of side by side.
     """
 
     origin: np.ndarray
@@ -28,10 +28,10 @@ class Placement:
 
 
 def choose_placement(wanted: str, names: Iterable[str], owner: str, rng: np.random.Generator) -> str:
-    """The placement of that name; else one drawn uniformly from those whose names begin so (OpenAI's worldgen).
+    """Returns the placement of that name; else draws one of those whose names begin with it (OpenAI's worldgen).
 
     Raises:
-        ValueError: there is none; the message names the object, `owner`, and its placements.
+        ValueError: no such placement; the message names the object, `owner`, and its placements.
     """
     names = list(names)
     matches = [name for name in names if name.startswith(wanted)]

@@ -1,4 +1,4 @@
-"""What objects of a single geom have in common."""
+"""The base class of objects with a single geom."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from maax_mjx.worldgen.written import Written, body_position
 
 
 class Solid(Obj):
-    """An object of one geom. A subclass implements `_draw_size`, and `_write` by means of `_write_geom`.
+    """An object of one geom. A subclass implements `_draw_size`, and `_write` with `_write_geom`.
 
     Args:
         name: body and geom name.
         mass: in kg; None leaves it to the geom's density.
         friction: sliding friction; None keeps MuJoCo's default of 1.
-        damping: of the joints (N s/m, Nm s/rad).
-        free: a free joint instead of slides x, y, z and a yaw hinge.
+        damping: damping of the joints (N s/m, Nm s/rad).
+        free: whether it has a free joint instead of slides x, y, z and a yaw hinge.
         rgba: colour.
 
     Raises:
-        ValueError: a mass that is not positive, negative friction or damping, or no colour.
+        ValueError: a mass that is not positive, negative friction or damping, or an invalid colour.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Solid(Obj):
         self.mass, self.friction, self.damping, self.free, self.rgba = mass, friction, damping, free, rgba
 
     def _write_geom(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody, condim: int = 3, **fields: Any) -> Written:
-        """Adds the geom: to the parent if the object is static, else to a body of its own."""
+        """Adds the geom to the parent's body if the object is static, else to a new body."""
         assert self.name is not None
         if self.static:
             body, fields = parent, fields | {"pos": self.centre - body_position(parent)}

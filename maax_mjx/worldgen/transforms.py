@@ -1,4 +1,4 @@
-"""Ready-made transforms for `Obj.add_transform`: on an object for what it wrote, on a `WorldBuilder` for the world."""
+"""Transforms for `Obj.add_transform`: of an object, or with a `WorldBuilder` of the whole world."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def set_geom_attr(name: str, value: Any) -> Transform:
     """Sets an attribute of every geom.
 
     Args:
-        name: as `mujoco.MjsGeom` calls it ("friction", "rgba", "condim", "margin").
-        value: what that takes; three numbers for "friction".
+        name: attribute of `mujoco.MjsGeom` ("friction", "rgba", "condim", "margin").
+        value: its value; three numbers for "friction".
 
     Raises:
         ValueError: a geom has no such attribute, or it does not take the value.
     """
-    spec = mujoco.MjSpec()  # tried out on a geom of its own; a name that holds it keeps it alive
+    spec = mujoco.MjSpec()  # the value is tried on a geom of this spec; the name keeps it alive
     probe = spec.worldbody.add_geom()
     if not isinstance(name, str) or name.startswith("_") or not hasattr(probe, name):
         takes = [attr for attr in dir(probe) if not attr.startswith("_")]
@@ -53,7 +53,7 @@ def set_joint_damping(damping: float, contains: str = "") -> Transform:
 
     Args:
         damping: at least 0, in N s/m for slides and Nm s/rad for hinges.
-        contains: part of the name (":yaw"); "" is every joint. A world may have none.
+        contains: part of the joint's name (":yaw"); "" matches every joint. A world may have none.
 
     Raises:
         ValueError: a negative damping.
@@ -70,16 +70,16 @@ def set_joint_damping(damping: float, contains: str = "") -> Transform:
 
 
 def remove_joints(joint_type: str | None = None, axis: Sequence[float] | None = None) -> Transform:
-    """Takes joints out of the model, and the actuators that drive them.
+    """Removes joints from the model, with the actuators that drive them.
 
     `remove_joints("hinge", (0, 0, 1))` keeps a box from turning, `remove_joints("slide", (0, 0, 1))` from rising.
 
     Args:
         joint_type: "hinge", "slide", "ball" or "free"; None is every type.
-        axis: only hinges and slides along this axis, (3,), or against it; None is every axis.
+        axis: (3,) direction, for hinges and slides along or against it; None is every axis.
 
     Raises:
-        ValueError: an unknown type, an axis of no length, or one for joints that have none.
+        ValueError: an unknown type, a zero axis, or an axis for joints that have none.
     """
     if joint_type is not None:
         check_choice("joint_type", joint_type, list(JOINTS))
@@ -87,7 +87,7 @@ def remove_joints(joint_type: str | None = None, axis: Sequence[float] | None = 
     if axis is not None:
         direction = check_vector("axis", axis, 3, "three numbers, not all zero")
         if not direction.any() or joint_type in ("ball", "free"):
-            takes = "three numbers, not all zero, and for hinges and slides alone"
+            takes = "three numbers, not all zero, and only for hinges and slides"
             raise ValueError(f"axis: got {axis!r} with joint_type={joint_type!r}; takes {takes}")
 
     def matches(joint: mujoco.MjsJoint) -> bool:

@@ -1,4 +1,4 @@
-"""What one object wrote into the spec: what its marks, material and transforms act on."""
+"""The part of the spec that one object wrote, on which its marks, material and transforms act."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 
 @dataclass
 class Written:
-    """What an object itself wrote, without its children.
+    """The part of the spec that an object itself wrote, without its children.
 
     Attributes:
         spec: the whole spec.
-        body: the body that holds the geoms. A static object has none of its own: it is its parent's body, and the
-            world's for what stands on the floor.
-        geoms: of the object.
-        joints: of the object.
-        sites: of the object, its marks among them.
+        body: the body that holds the geoms. For a static object it is its parent's body, or the world's if it stands on
+            the floor.
+        geoms: the object's geoms.
+        joints: the object's joints.
+        sites: the object's sites, including its marks.
     """
 
     spec: mujoco.MjSpec
@@ -30,12 +30,12 @@ class Written:
 
     @classmethod
     def below(cls, spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Written:
-        """Everything in a body and in the bodies below it."""
+        """Returns everything in a body and in the bodies below it."""
         parts = (list(body.find_all(kind)) for kind in ("geom", "joint", "site"))
         return cls(spec, body, *parts)
 
     def delete_joint(self, joint: mujoco.MjsJoint) -> None:
-        """Takes a joint out of the model, and the actuators that drive it: without it they would not compile."""
+        """Removes a joint from the model, with the actuators that drive it, which would not compile without it."""
         for actuator in self.spec.actuators:
             if actuator.trntype in JOINT_DRIVES and actuator.target == joint.name:
                 self.spec.delete(actuator)
@@ -48,7 +48,7 @@ JOINT_DRIVES = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
 def body_position(body: mujoco.MjsBody) -> np.ndarray:
-    """The position (m) of an unturned body in the floor frame, (3,)."""
+    """Returns the position (3,) in metres of an unturned body in the floor frame."""
     position = np.zeros(3)
     while body is not None:
         position = position + body.pos

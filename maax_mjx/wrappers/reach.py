@@ -17,7 +17,7 @@ from maax_mjx.wrappers.wrapper import Wrapper
 
 
 class Reach:
-    """Which agents have which objects of some modules within reach.
+    """The reach of agents: which of them can reach which objects of some modules.
 
     Args:
         wrapper: wrapper of the mechanic.
