@@ -53,13 +53,8 @@ class Rollout:
     steps: int = 1000
     """Number of env steps."""
     seed: int = 0
-<<<<<<< HEAD
-    """Of the worlds and the actions."""
-    impl: names(impls()) = "auto"  # type: ignore[valid-type]
-=======
     """Seed of the worlds and the actions."""
-    impl: names(IMPLS) = "auto"  # type: ignore[valid-type]
->>>>>>> wt-words
+    impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
     show: int = 1
     """Number of worlds in rollout.npz and replay.html."""

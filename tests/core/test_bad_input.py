@@ -178,12 +178,6 @@ def test_limits_themselves_are_taken():
     WorldParams(timestep=1e-4, gravity=0.0, iterations=1, ls_iterations=1)
 
 
-def test_modules_come_before_the_first_use():
-    env = base(1, Agents(1))
-    assert env.model.nu == 3
-    refuses(env.add_module, ["add_module", "built already", "before its first use"], Boxes(1), error=RuntimeError)
-
-
 def test_an_environment_needs_agents():
     env = base(2, WallScenarios())
     expected = ["got no agents", "add_module(Agents(2, ...))"]

@@ -176,7 +176,7 @@ def test_a_wrapper_that_overrides_step_is_refused_with_what_to_do():
         (lambda: maax.LockObjects(maax.LockObjects(world())), "action_name: got 'lock', which env has already"),
         (lambda: maax.LockObjects(maax.LockObjects(world()), action_name="hold"), r"objects: got \['box', 'ramp'\]"),
         (lambda: maax.LockObjects(world(), action_name="lock it"), "action_name: got 'lock it'"),
-        (lambda: maax.GrabObjects(maax.GrabObjects(world())), "action_name: got 'grab'"),
+        (lambda: maax.GrabObjects(maax.GrabObjects(world())), "GrabObjects: env has a wrapper named 'grabs' already"),
         (lambda: maax.LockObjects(world(), objects=("boxes",)), "objects: got 'boxes'; .*did you mean 'box'"),
     ],
 )

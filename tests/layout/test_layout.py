@@ -305,7 +305,7 @@ def test_parked_entities_stay_where_they_are(env_ranges, batch_reset):
 def crowded():
     """A floor of 10 x 10 cells between walls, for 2 agents of 2 x 2 cells and up to 6 boxes of 4 x 4."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("maax_mjx.core.composition.check_room", lambda *_: None)
+        patch.setattr("maax_mjx.core.capacity.check_room", lambda *_: None)
         env = maax.Base(2, grid_size=12, floor_size=1.8, impl="c")
         for module in (maax.WallScenarios("empty"), maax.Agents(2), maax.Boxes((0, 6)), maax.Ramps(0)):
             env.add_module(module)

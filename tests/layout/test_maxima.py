@@ -80,22 +80,22 @@ def things(env, states):
             np.ones((N, 1), bool),
         ),
     }
-    for name in ("agents", "boxes", "ramps", "cylinders"):
+    for name in ("agent", "box", "ramp", "cylinder"):
         module = modules[name]
         of = {
             "pose": np.asarray(data.qpos)[:, module.qpos_ids],
             "friction": values(env, states, "geom_friction", module.geom_ids),
         }
-        if name in ("boxes", "cylinders"):
+        if name in ("box", "cylinder"):
             of["size"] = values(env, states, "geom_size", module.geom_ids)
             of["mass"] = values(env, states, "body_mass", module.body_ids)
             of["inertia"] = values(env, states, "body_inertia", module.body_ids)
-        if name == "agents":
+        if name == "agent":
             of["damping"] = values(env, states, "dof_damping", module.qvel_ids[:, 0])
             of["gear"] = values(env, states, "actuator_gear", module.ctrl_ids[:, 0])
         found[name] = of, world.active[module.kind]
-    fixed = modules["static_cylinders"]
-    found["static_cylinders"] = (
+    fixed = modules["static_cylinder"]
+    found["static_cylinder"] = (
         {
             "position": np.asarray(data.geom_xpos)[:, fixed.geom_ids],
             "friction": values(env, states, "geom_friction", fixed.geom_ids),
@@ -108,9 +108,9 @@ def things(env, states):
         if module.sizes_vary:
             of["size"] = world.extents[kind]
         found[kind] = of, world.active[kind]
-    agents, there = found.pop("agents")
+    agents, there = found.pop("agent")
     for team in range(2):
-        own = modules["agents"].team_index == team
+        own = modules["agent"].team_index == team
         found[f"team {team}"] = {k: np.asarray(x)[:, own] for k, x in agents.items()}, np.asarray(there)[:, own]
     return found
 
@@ -127,8 +127,8 @@ def drawn():
 
 
 KINDS = (
-    "world", "outer_wall", "wall", "door", "room", "team 0", "team 1", "boxes", "ramps", "cylinders",
-    "static_cylinders", "food", "construction_site",
+    "world", "outer_wall", "wall", "door", "room", "team 0", "team 1", "box", "ramp", "cylinder",
+    "static_cylinder", "food", "construction_site",
 )  # fmt: skip
 
 

@@ -111,6 +111,7 @@ def test_a_missing_field_is_named(fresh, monkeypatch):
 
 
 def test_a_missing_class_is_named(fresh, monkeypatch):
+    pytest.importorskip("warp")
     types = pytest.importorskip("mujoco.mjx.warp.types")
     monkeypatch.delattr(types, "OptionWarp")
     with pytest.raises(RuntimeError, match=r"without mujoco\.mjx\.warp\.types\.OptionWarp; takes"):
