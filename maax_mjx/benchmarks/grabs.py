@@ -105,7 +105,7 @@ class Carrier:
     def __init__(self, env: Base, file: str, method: str):
         spec = mujoco.MjSpec.from_string(file)
         if method == CONNECT:
-            GrabSlots(env.agents, env.objects(["boxes"])).spec_step(spec)
+            GrabSlots(env.agents, env.objects(["box"])).spec_step(spec)
         if method in (WELD, SOFT_WELD):
             add_equality(spec, WELD, mujoco.mjtEq.mjEQ_WELD, AGENT, BOX)
         if method == SOFT_WELD:

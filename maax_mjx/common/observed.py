@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -27,7 +27,9 @@ class Column:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"name: got {self.name!r}; takes the name of a column")
-        if not isinstance(self.scale, int | float) or not self.scale > 0:
+        if not isinstance(self.unit, str):
+            raise ValueError(f"unit: got {self.unit!r} for column {self.name!r}; takes a text")
+        if isinstance(self.scale, bool) or not isinstance(self.scale, int | float) or not self.scale > 0:
             raise ValueError(f"scale: got {self.scale!r} for column {self.name!r}; takes a positive number")
 
 
@@ -114,6 +116,8 @@ def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
     """Returns the table with the masks of every array filled in, where there are such masks."""
 
     def masks(name: str, one: Observed) -> Observed:
+        if not isinstance(one, Observed):
+            raise ValueError(f"declared: got {one!r} for {name!r}; takes an Observed")
         kind = one.entity
         if kind is None or not one.columns:
             return one
@@ -153,15 +157,13 @@ def check_shapes(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, 
 
 
 def declaration(name: str, shape: tuple[int, ...], n_agents: int) -> str:
-    """Returns a line of code that would declare an array, guessed from its shape, for messages."""
-    axes = ["agent" if i == 0 and n == n_agents else "..." for i, n in enumerate(shape)]
+    """A line that would declare an array, guessed from its shape; for messages."""
+    n_axes = 1 if shape[:1] == (n_agents,) else 0
+    n_axes += shape[:2] == (n_agents, n_agents)
+    axes = [AGENT] * n_axes + ["..."] * (len(shape) - n_axes)
     columns = ""
-    if len(shape) > 1:
-        axes, columns = axes[:-1], f", columns=({', '.join('Column(...)' for _ in range(min(shape[-1], 3)))},)"
-    text = "".join(f"{axis!r}, " for axis in axes)
-    return f'{{"{name}": Observed(({text.rstrip() if len(axes) < 2 else text.rstrip(", ")}){columns})}}'
-
-
-def kinds(table: Iterable[Observed]) -> list[str]:
-    """Returns the kinds that the arrays list, in order."""
-    return list(dict.fromkeys(one.entity for one in table if one.entity is not None))
+    if len(shape) > max(n_axes, 1):
+        axes = axes[:-1]
+        columns = f", columns=({''.join(f'Column({chr(34)}...{i}{chr(34)}), ' for i in range(shape[-1])).rstrip()})"
+    text = ", ".join(repr(axis) for axis in axes) + ("," if len(axes) == 1 else "")
+    return f'{{"{name}": Observed(({text}){columns})}}'

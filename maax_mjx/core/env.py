@@ -137,7 +137,7 @@ class Environment(ABC):
         """Copies the whole chain, with its own modules and a model that is not built yet."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
-        for name, value in without_cached(vars(self)).items():
+        for name, value in without_cached(self).items():
             try:
                 twin.__dict__[name] = copy.deepcopy(value, memo)
             except (TypeError, copy.Error) as error:

@@ -44,12 +44,18 @@ def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[C
         ValueError: a name twice, or a team without agents.
     """
     teams: dict[str, Team] = {}
+    members: dict[str, str] = {}
     for i, name in enumerate(names):
         if name in teams:
             raise ValueError(f"teams: got {name!r} twice in {list(names)}; takes different names")
         slots = tuple(int(slot) for slot in np.flatnonzero(team_index == i))
         if not slots:
             raise ValueError(f"teams: got {name!r} without agents; takes teams of at least one agent")
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"teams: got the name {name!r}; takes a text")
+        other = members.setdefault(member_of(name), name)
+        if other != name:
+            raise ValueError(f"teams: got {other!r} and {name!r}, whose agents have the same names; takes others")
         agents = tuple(f"{member_of(name)}_{k}" for k in range(len(slots)))
         teams[name] = Team(name, slots, agents, tuple(float(x) for x in colours[slots[0]]))  # type: ignore[arg-type]
     return teams

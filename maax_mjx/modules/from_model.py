@@ -3,20 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, Protocol, TypeVar, overload
+from functools import cached_property
+from typing import Any, Generic, TypeVar, overload
 
 T = TypeVar("T")
-
-
-class Built(Protocol):
-    """An object that depends on a compiled model.
-
-    Attributes:
-        build: token of one composition of modules; another one after a module was added.
-    """
-
-    @property
-    def build(self) -> object: ...
 
 
 class from_model(Generic[T]):
@@ -51,6 +41,7 @@ class from_model(Generic[T]):
         return found[1]
 
 
-def without_cached(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Returns an object's attributes without the values that `from_model` caches, for a copy of the object."""
-    return {name: value for name, value in attributes.items() if not name.startswith("_from_model_")}
+def without_cached(thing: Any) -> dict[str, Any]:
+    """Returns an object's attributes without the values that properties cache, for a copy of the object."""
+    cached = {name for name in vars(thing) if isinstance(getattr(type(thing), name, None), cached_property)}
+    return {n: value for n, value in vars(thing).items() if not n.startswith("_from_model_") and n not in cached}

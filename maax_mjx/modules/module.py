@@ -74,7 +74,7 @@ class Module:
         """Copies the module, as a part of its environment's copy or of no environment."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
-        for name, value in without_cached(vars(self)).items():
+        for name, value in without_cached(self).items():
             if name != "_owner":
                 setattr(twin, name, copy.deepcopy(value, memo))
         twin._owner = memo.get(id(self._owner))

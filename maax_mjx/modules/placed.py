@@ -16,6 +16,9 @@ from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.module import Module
 
+RESERVED = ("other", "team", "ray", "corner", "door")
+"""Axes of observations that count something else than objects of a module."""
+
 
 class Places(struct.PyTreeNode):
     """The places of one module's objects.
@@ -63,6 +66,8 @@ class Placed(Module):
         random_yaw: bool = False,
         minimum: int = 0,
     ):
+        if self.kind in RESERVED:
+            raise ValueError(f"kind: got {self.kind!r}; takes another than {list(RESERVED)}, which name other axes")
         self.name = self.kind
         self.count_name = self.count_name or f"n_{self.kind}s"
         self.count = check_count_range(self.count_name, count, minimum)

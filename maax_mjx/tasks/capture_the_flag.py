@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from maax_mjx.core.env import Environment
@@ -28,9 +28,7 @@ class CaptureTheFlagConfig(GameConfig):
     n_boxes: CountRange = (1, 3)
     n_ramps: CountRange = 0
     teams: Mapping[str, CountRange] = field(default_factory=lambda: {"blues": 2, "reds": 2})
-    agent_placement: Placement | Mapping[str, Placement] = field(
-        default_factory=lambda: {"blues": "room0", "reds": "room1"}
-    )
+    agent_placement: Placement | Mapping[str, Placement] | Sequence[Placement] = ("room0", "room1")
     door_size: int = 6
     reach: float = 0.4
     wins_at: int = 3

@@ -147,7 +147,9 @@ class Side(NamedTuple):
     colour: Colour | None = None
 
 
-def sides_of(teams: Mapping[str, CountRange], placements: Mapping[str, Placement] | Placement) -> tuple[Side, ...]:
+def sides_of(
+    teams: Mapping[str, CountRange], placements: Mapping[str, Placement] | Sequence[Placement] | Placement
+) -> tuple[Side, ...]:
     """Returns the teams of a config's fields `teams` and `agent_placement`, which is one for all, or one by team.
 
     Raises:
@@ -155,13 +157,19 @@ def sides_of(teams: Mapping[str, CountRange], placements: Mapping[str, Placement
     """
     if not isinstance(teams, Mapping) or not teams:
         raise ValueError(f"teams: got {teams!r}; takes the number of agents by team, such as {{'players': 4}}")
+    if isinstance(placements, list | tuple):
+        if len(placements) != len(teams):
+            raise ValueError(
+                f"agent_placement: got {len(placements)}; takes {len(teams)}, one for each of {list(teams)}"
+            )
+        placements = dict(zip(teams, placements, strict=True))
     if isinstance(placements, Mapping) and set(placements) != set(teams):
         raise ValueError(f"agent_placement: got {sorted(placements)}; takes one for each of {sorted(teams)}")
     sides = []
     for name, count in teams.items():
         if not check_count_range(f"teams[{name!r}]", count)[1]:
             raise ValueError(f"teams: got no agents in {name!r}; takes at least one, or leave the team out")
-        placement = placements[name] if isinstance(placements, Mapping) else placements
+        placement: Placement = placements[name] if isinstance(placements, Mapping) else placements  # type: ignore[assignment]
         sides.append(Side(name, count, placement, "agent_placement"))
     return tuple(sides)
 

@@ -54,7 +54,7 @@ class CaptureTheFlag(Wrapper):
     Agents that are out move freely, but neither tag nor take. A team that has scored `wins_at` times ends the episode.
 
     Adds the observations `flag_pos` (2, 3), where the flags are now, in metres; `flag_base` (2, 3); `carries` and
-    `is_out` (n_agents, 1); `score` (2, 1); and the metrics `score_0` and `score_1`.
+    `is_out` (n_agents, 1); `score` (2, 1); and the metrics `score_<team>` of both, such as `score_reds`.
 
     Args:
         env: environment to wrap, with `Flags`, one in each half, and teams 0 and 1.
@@ -141,7 +141,7 @@ class CaptureTheFlag(Wrapper):
             "is_out": game.out[:, None].astype(jnp.float32),
             "score": game.score[:, None].astype(jnp.float32),
         }
-        scores = {f"score_{i}": game.score[i] for i in range(2)}
+        scores = {f"score_{team}": game.score[i] for i, team in enumerate(self.teams)}
         return state.replace(obs=state.obs | obs, metrics=state.metrics | scores)
 
     def declared(self) -> dict[str, Observed]:

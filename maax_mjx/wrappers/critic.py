@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,7 @@ from maax_mjx.common.observed import AGENT, Observed, flag
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.senses import LineOfSight
-from maax_mjx.wrappers.split import OTHER, SplitObservations
+from maax_mjx.wrappers.split import SplitObservations
 from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import ObservationWrapper, find
 
@@ -54,18 +56,17 @@ class CriticObservations(ObservationWrapper):
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         n = self.base.n_agents
-        left = jnp.maximum(1 - state.step / self.base.horizon, 0.0).astype(jnp.float32)
-        obs = state.obs | {"time_left": jnp.full((n, 1), left)}
+        obs = state.obs | {"time_left": time_left(state, self.base.horizon, n)}
         if self._sight is None:
             return obs
         masks = state.mechanics[LineOfSight.name]
         order = self._order
         known = masks["sees_agent"] & self._mates[:, :, None]
         obs["who_sees_whom"] = known[np.arange(n)[:, None, None], order[:, :, None], order[:, None, :]]
-        if self.of == "team":
-            for name, sees in masks.items():
-                ours = (self._mates[:, :, None] & sees).any(axis=1)
-                obs[f"team_{name}"] = ours[np.arange(n)[:, None], order[:, 1:]] if name == "sees_agent" else ours
+        for name in self._team_masks():
+            sees = masks.get(name, state.obs[name] > 0)
+            ours = (self._mates[:, :, None] & sees).any(axis=1)
+            obs[f"team_{name}"] = ours[np.arange(n)[:, None], order[:, 1:]] if name == "sees_agent" else ours
         return obs
 
     def declared(self) -> dict[str, Observed]:
@@ -73,8 +74,18 @@ class CriticObservations(ObservationWrapper):
         if self._sight is None:
             return table
         table["who_sees_whom"] = Observed((AGENT, AGENT, AGENT), critic=True)
-        if self.of == "team":
-            for module in self._sight.modules:
-                kind = OTHER if module.kind == AGENT else module.kind
-                table[f"team_sees_{module.kind}"] = Observed((AGENT, kind), critic=True)
+        for name in self._team_masks():
+            table[f"team_{name}"] = replace(self.env.observed[name], critic=True)
         return table
+
+    def _team_masks(self) -> list[str]:
+        """The masks of what agents see, of which a team's critic gets the union over its team."""
+        if self.of != "team":
+            return []
+        return list(dict.fromkeys(one.seen for one in self.env.observed.values() if one.seen and one.columns))
+
+
+def time_left(state: State, horizon: int, n_agents: int) -> jax.Array:
+    """The share of the episode that is left, from 1 down to 0: (n_agents, 1)."""
+    left = jnp.maximum(1 - state.step / horizon, 0.0)
+    return jnp.full((n_agents, 1), left, jnp.float32)

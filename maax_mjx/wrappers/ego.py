@@ -12,6 +12,7 @@ from maax_mjx.common.arrays import shown
 from maax_mjx.common.observed import AGENT, Column, Observed, flag
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
+from maax_mjx.wrappers.critic import time_left
 from maax_mjx.wrappers.senses import Lidar
 from maax_mjx.wrappers.split import SplitObservations, declared_table
 from maax_mjx.wrappers.wrapper import ObservationWrapper, find
@@ -84,11 +85,10 @@ class EgocentricObservations(ObservationWrapper):
             if not one.columns:
                 continue
             parts = _columns(obs[name], one, frames, own=self._is_own(name))
-            scaled = [jnp.clip(x / column.scale, -CLIP, CLIP) for column, x in parts]
+            scaled = [_scaled(column, x) for column, x in parts]
             x = shown(jnp.stack(scaled, axis=-1).astype(jnp.float32), playing)
             obs[name] = x if one.present is None else shown(x, state.obs[one.present] > 0)
-        left = jnp.maximum(1 - state.step / self.base.horizon, 0.0).astype(jnp.float32)
-        return obs | {"time_left": jnp.full((self.base.n_agents, 1), left)}
+        return obs | {"time_left": time_left(state, self.base.horizon, self.base.n_agents)}
 
     def declared(self) -> dict[str, Observed]:
         table = self.env.declared()
@@ -167,6 +167,11 @@ def _headings(columns: list[Column]) -> list[Column]:
     """Renames an agent's own turn to its heading on the floor."""
     names = {"cos turn": "cos heading", "sin turn": "sin heading"}
     return [replace(column, name=names.get(column.name, column.name)) for column in columns]
+
+
+def _scaled(column: Column, x: jax.Array) -> jax.Array:
+    """A column in its scale; what has a unit is cut off, while counts and numbers of teams stay whole."""
+    return jnp.clip(x / column.scale, -CLIP, CLIP) if column.unit else x / column.scale
 
 
 def _in_scales(column: Column) -> Column:

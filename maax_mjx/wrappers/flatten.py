@@ -31,8 +31,10 @@ class MaskObservations(ObservationWrapper):
             `{"box_obs": "sees_box"}`; None uses the declared masks. The masks stay observed.
 
     Raises:
-        ValueError: a name that is not observed, or shapes that do not fit.
+        ValueError: observations that are not split, a name that is not observed, or shapes that do not fit.
     """
+
+    requires = (SplitObservations,)
 
     def __init__(self, env: Environment, masks: Mapping[str, str] | None = None):
         super().__init__(env)

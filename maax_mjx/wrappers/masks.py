@@ -75,12 +75,12 @@ class MaskUnseenAction(ActionWrapper):
     requires = (TeamMembership, LineOfSight)
     precedes = (DiscretizeActions,)
 
-    def __init__(self, env: Environment, action: str, team: int = HIDERS):
+    def __init__(self, env: Environment, action: str, team: int | str = HIDERS):
         super().__init__(env)
         self.masked = check_choice("action", action, env.action_space.spaces)
         teams = self.inner(TeamMembership)
-        if team not in range(teams.n_teams):
-            raise ValueError(f"team: got {team!r}; takes one of {list(range(teams.n_teams))}")
+        if not teams.of(team).any():
+            raise ValueError(f"team: got {team!r}; takes one of {list(teams.teams)}, or its number")
         self._team, self._hiders, self._seekers = teams.of(team), teams.of(HIDERS), teams.of(SEEKERS)
 
     def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:

@@ -107,6 +107,11 @@ class SpoofEntities(ObservationWrapper):
             shape = env.observation_space[key].shape or ()
             if len(shape) < 2 or shape[1] > total:
                 raise ValueError(f"{key}: has shape {shape}; takes (n_agents, k, ...) with k up to total, {total}")
+            one = env.observed.get(key)
+            if one is not None and len(one.axes) < 2:
+                raise ValueError(
+                    f"{key}: has axes {one.axes}; takes an observation of several things, one row for each"
+                )
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         obs = dict(state.obs)

@@ -163,4 +163,6 @@ class Lidar(_Senses, ObservationWrapper):
         return state.obs | {"lidar": jnp.where(active, distance, 0.0)}
 
     def declared(self) -> dict[str, Observed]:
-        return self.env.declared() | {"lidar": Observed((AGENT, "ray"), (Column("distance", "m", 3.0),))}
+        return self.env.declared() | {
+            "lidar": Observed((AGENT, "ray"), (Column("distance", "m", max(3.0, self.range / 5)),))
+        }

@@ -101,6 +101,7 @@ def declared_table(env: Environment, who: str) -> dict[str, Observed]:
                 f"def declared(self): return {call}{line}"
             )
     check_shapes(table, shapes, who)
+    _check_masks(table, shapes, who)
     return {name: one for name, one in table.items() if name in shapes}
 
 
@@ -117,10 +118,39 @@ def _origin(env: Environment, name: str) -> tuple[str, str]:
 
 
 def _joined(table: Mapping[str, Observed]) -> dict[str, list[str]]:
-    """Returns, for every kind of object that has `<kind>_obs`, the names of all arrays of columns about it."""
+    """Returns, for every kind of object that has `<kind>_obs`, the names of the arrays that are joined to it.
+
+    Only what is hidden by the same masks can share an array, and only columns of different names.
+    """
     joined: dict[str, list[str]] = {}
+    columns: dict[str, set[str]] = {}
     for name, one in table.items():
-        own = one.axes[1:] if one.axes[:1] == (AGENT,) else one.axes
-        if one.columns and not one.critic and len(own) == 1 and own[0] != AGENT and f"{own[0]}_obs" in table:
-            joined.setdefault(f"{own[0]}_obs", []).append(name)
+        own = one.axes[1:] if one.is_of_agents and one.private else one.axes
+        whole = f"{own[0]}_obs" if len(own) == 1 else ""
+        if not one.columns or one.critic or whole not in table or own[0] == AGENT:
+            continue
+        first, known = table[whole], columns.setdefault(whole, set())
+        if (one.present, one.seen) == (first.present, first.seen) and not known & set(one.names()):
+            joined.setdefault(whole, []).append(name)
+            known |= set(one.names())
     return {whole: parts for whole, parts in joined.items() if len(parts) > 1}
+
+
+def _check_masks(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, ...]], who: str) -> None:
+    """Refuses arrays whose masks are not observed or do not fit, which would show what is hidden.
+
+    Raises:
+        ValueError: naming the array and its mask.
+    """
+    for name, shape in shapes.items():
+        one = table[name]
+        for use, mask in (("present", one.present), ("seen", one.seen)):
+            if mask is None or not one.columns:
+                continue
+            if mask not in shapes:
+                raise ValueError(f"{who}: {use} of {name!r} is {mask!r}, which is not observed; takes a mask that is")
+            axis = one.axes.index(one.entity) if one.entity else 0
+            if shapes[mask][-1:] != shape[axis : axis + 1]:
+                raise ValueError(
+                    f"{who}: {use} of {name!r}, {mask!r}, has shape {shapes[mask]}; takes {shape[axis]} along its last axis"
+                )

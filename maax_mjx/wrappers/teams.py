@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.colours import TEAM_COLOURS
-from maax_mjx.common.observed import AGENT, Column, Observed, flag
+from maax_mjx.common.observed import AGENT, Column, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.core.teams import Team, make_teams
 from maax_mjx.wrappers.wrapper import ObservationWrapper
 
-HIDERS, SEEKERS = 0, 1
-"""Numbers of the teams in hide and seek."""
+HIDERS, SEEKERS = "hiders", "seekers"
+"""Names of the two sides of hide and seek. Where no team has either name, the first hides and the second seeks."""
 
 
 class TeamMembership(ObservationWrapper):
@@ -65,8 +65,13 @@ class TeamMembership(ObservationWrapper):
     def teams(self) -> dict[str, Team]:
         return self._teams
 
-    def of(self, team: int) -> np.ndarray:
-        """Returns which slots are in a team: (n_agents,) bool."""
+    def of(self, team: int | str) -> np.ndarray:
+        """The slots of a team, by its number or name: (n_agents,) bool; none of a side that has no team here."""
+        if isinstance(team, str) and team in self._teams:
+            team = list(self._teams).index(team)
+        elif isinstance(team, str):
+            unnamed = not {HIDERS, SEEKERS} & set(self._teams)
+            team = (HIDERS, SEEKERS).index(team) if unnamed and team in (HIDERS, SEEKERS) else -1
         return self.team_index == team
 
     def observation(self, state: State) -> dict[str, jax.Array]:
@@ -78,6 +83,6 @@ class TeamMembership(ObservationWrapper):
 
     def declared(self) -> dict[str, Observed]:
         return self.env.declared() | {
-            "agent_team": Observed((AGENT,), flag("team"), private=False),
+            "agent_team": Observed((AGENT,), (Column("team"),), private=False),
             "team_size": Observed((AGENT,), (Column("team size"),)),
         }

@@ -207,3 +207,68 @@ def test_tables_follow_selections_and_joins_and_padding():
     assert padded.observed["box_obs"].present == "box_mask"
     flat = maax.FlattenObservations(padded)
     assert len(flat.observed["obs"].columns) == flat.observation_space["obs"].shape[1]
+
+
+# --- masks of a user's own ---------------------------------------------------------------------------------------------
+
+
+class Smell(maax.ObservationWrapper):
+    """What agents smell of boxes, which has nothing to do with what they see; nobody smells anything here."""
+
+    def __init__(self, env, seen="smells_box", present=None):
+        super().__init__(env)
+        self.masks = {"seen": seen, "present": present}
+
+    def observation(self, state):
+        smell = jnp.full((self.n_agents, 2, 1), 7.0)
+        return state.obs | {"box_smell": smell, "smells_box": jnp.zeros((self.n_agents, 2), bool)}
+
+    def declared(self):
+        smell = Observed(("agent", "box"), (Column("smell"),), **self.masks)
+        return self.env.declared() | {"box_smell": smell, "smells_box": Observed(("agent", "box"))}
+
+
+def test_joining_keeps_the_masks_apart():
+    """All boxes are in sight and none can be smelt: what is smelt reaches nobody, whatever shares its axis."""
+    env = maax.make("hide_and_seek", impl="c", observations="raw", n_boxes=2, cone=6.28, scenario="empty")
+    split = maax.SplitObservations(Smell(env))
+    assert {"box_obs", "box_smell"} <= set(split.observed)
+    flat = maax.FlattenObservations(maax.CriticObservations(split, "team"))
+    obs = flat.reset(key(0)).obs
+    assert not (np.asarray(obs["obs"]) == 7).any()
+    assert not (np.asarray(obs["critic"]) == 7).any()
+    shown = maax.FlattenObservations(maax.CriticObservations(split, "all")).reset(key(0)).obs
+    assert (np.asarray(shown["critic"]) == 7).sum() == 8
+
+
+def test_what_every_agent_has_of_every_object_can_be_public():
+    table = Observed(("agent", "box"), (Column("a"),), private=False)
+    obs = maax.SplitObservations(Fuel(game(n_boxes=3), table, jnp.ones((4, 3, 1)))).reset(key(0)).obs
+    assert (obs["fuel_self"].shape, obs["fuel"].shape) == ((4, 3, 1), (4, 3, 3, 1))
+
+
+def test_columns_of_one_name_are_not_joined():
+    table = Observed(("box",), POSITION)
+    obs = maax.SplitObservations(Fuel(game(n_boxes=3), table, jnp.ones((3, 3)))).observed
+    assert obs["fuel"].names() == ("x", "y", "z")
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Smell(game(n_boxes=2), seen="nothing"), "seen of 'box_smell' is 'nothing', which is not observed"),
+        (lambda: Smell(game(n_boxes=2), present="nope"), "present of 'box_smell' is 'nope', which is not observed"),
+        (lambda: Smell(game(n_boxes=2), seen="agent_mask"), "has shape .4,.; takes 2 along its last axis"),
+        (lambda: Fuel(game(), 3), "declared: got 3 for 'fuel'; takes an Observed"),
+        (lambda: Fuel(game(), None, jnp.zeros((4, 4))), "'agent', 'agent'"),
+    ],
+)
+def test_masks_that_are_not_there(make, says):
+    with pytest.raises(ValueError, match=says):
+        maax.SplitObservations(make())
+
+
+def test_a_selection_without_its_mask_is_refused():
+    split = maax.make("hide_and_seek_quadrant", impl="c", observations="split")
+    with pytest.raises(ValueError, match="seen of 'box_obs' is 'sees_box', which is not observed"):
+        maax.FlattenObservations(maax.SelectObservations(split, ["box_obs", "box_mask"]))

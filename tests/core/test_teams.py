@@ -7,6 +7,7 @@ from helpers.seeds import key
 
 import maax_mjx as maax
 from maax_mjx.core.teams import member_of
+from maax_mjx.wrappers import find
 
 
 @pytest.mark.parametrize(
@@ -17,7 +18,7 @@ from maax_mjx.core.teams import member_of
          "hider_0 seeker_0 seeker_1"),
         ("standard", {"n_seekers": 0}, {"hiders": (0, 1)}, "hider_0 hider_1"),
         ("tag", {}, {"players": (0, 1, 2, 3)}, "player_0 player_1 player_2 player_3"),
-        ("tag", {"teams": {"wolves": 1, "sheep": 2}}, {"wolves": (0,), "sheep": (1, 2)}, "wolve_0 sheep_0 sheep_1"),
+        ("tag", {"teams": {"cats": 1, "sheep": 2}}, {"cats": (0,), "sheep": (1, 2)}, "cat_0 sheep_0 sheep_1"),
         ("capture_the_flag", {}, {"blues": (0, 1), "reds": (2, 3)}, "blue_0 blue_1 red_0 red_1"),
     ],
 )  # fmt: skip
@@ -72,9 +73,25 @@ def test_singular():
         (lambda: maax.TeamMembership(maax.make("standard"), [0, 0, 2, 2]), "teams: got 'team_1' without agents"),
         (lambda: maax.TeamMembership(maax.make("standard"), names=["a", "a"]), "teams: got 'a' twice"),
         (lambda: maax.TeamMembership(maax.make("standard"), names=["a"]), r"names: got \['a'\]; takes 2"),
+        (lambda: maax.make("tag", teams={"hider": 1, "hiders": 1}), "whose agents have the same names"),
+        (lambda: maax.TeamMembership(maax.make("standard"), names=["", "x"]), "teams: got the name ''"),
+        (lambda: maax.make("capture_the_flag", teams={"a": 1}), "agent_placement: got 2; takes 1"),
         (lambda: maax.make("standard", n_hiders=0, n_seekers=0), "at least one agent in all"),
     ],
 )
 def test_bad_input(make, says):
     with pytest.raises(ValueError, match=says):
         make()
+
+
+@pytest.mark.parametrize(("fields", "seekers"), [({"n_hiders": 0}, [0, 1]), ({"n_seekers": 0}, [])])
+def test_a_side_alone_is_still_that_side(fields, seekers):
+    """Seekers without hiders do not become the first team, which hides."""
+    env = maax.make("hide_and_seek", impl="c", observations="raw", prep_fraction=0.5, horizon=4, **fields)
+    waits = find(env, maax.PreparationPhase).seekers
+    assert np.flatnonzero(waits).tolist() == seekers
+    state, step = jax.jit(env.reset)(key(0)), jax.jit(env.step)
+    action = jax.tree.map(np.zeros_like, jax.device_get(env.sample_action(key(0))))
+    for _ in range(3):
+        state = step(state, action)
+    np.testing.assert_array_equal(state.reward, [-1 if slot in seekers else 1 for slot in range(2)])

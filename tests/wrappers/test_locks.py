@@ -22,7 +22,7 @@ equal = np.testing.assert_array_equal
 
 
 def truth(lock_type, wants, near, locked, last_owner, team):
-    """Is one object locked after a step, and who may own it: the rules of FACTS, agent by agent."""
+    """Is one object locked after a step, and who may own it: the published rules, agent by agent."""
     asking = [i for i in range(len(team)) if near[i] and wants[i]]
     refusing = [i for i in range(len(team)) if near[i] and not wants[i]]
     if lock_type == "any":
@@ -169,7 +169,7 @@ def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
 
 
 def machine(lock_type, wants, near, locked, owner, team):
-    """One object's next state from FACTS: whether it is locked, kept from before, and who asks for it."""
+    """One object's next state by the published rules: whether it is locked, kept from before, and who asks for it."""
     wanting = {i for i in range(len(team)) if near[i] and wants[i]}
     against = {i for i in range(len(team)) if near[i] and not wants[i]}
     if lock_type == "any_specific":

@@ -31,4 +31,5 @@ def draw_flags(layer: CaptureTheFlag, state: State, canvas: Canvas) -> None:
         canvas.tint(Flags.kind, number, team.colour, 1.0)
     for agent in np.flatnonzero(np.asarray(game.out)).tolist():
         canvas.dim(agent)
-    canvas.write("score " + " : ".join(str(score) for score in np.asarray(game.score).tolist()))
+    scores = zip(canvas.subject.teams, np.asarray(game.score).tolist(), strict=True)
+    canvas.write("score  " + " : ".join(f"{team} {score}" for team, score in scores))
