@@ -70,7 +70,7 @@ class FlattenObservations(ObservationWrapper):
 
     def __init__(self, env: Environment):
         super().__init__(env)
-        table = declared_table(env, "FlattenObservations")
+        table = declared_table(env, "FlattenObservations", masks=("seen",))
         for name, one in table.items():
             if not one.is_of_agents:
                 raise ValueError(

@@ -109,9 +109,7 @@ class SpoofEntities(ObservationWrapper):
                 raise ValueError(f"{key}: has shape {shape}; takes (n_agents, k, ...) with k up to total, {total}")
             one = env.observed.get(key)
             if one is not None and len(one.axes) < 2:
-                raise ValueError(
-                    f"{key}: has axes {one.axes}; takes an observation of several things, one row for each"
-                )
+                raise ValueError(f"{key}: has axes {one.axes}; takes an observation with rows of several things")
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         obs = dict(state.obs)

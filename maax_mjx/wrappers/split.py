@@ -80,15 +80,17 @@ class SplitObservations(ObservationWrapper):
         return split
 
 
-def declared_table(env: Environment, who: str) -> dict[str, Observed]:
+def declared_table(env: Environment, who: str, masks: tuple[str, ...] = ("present", "seen")) -> dict[str, Observed]:
     """Returns the declarations of an environment's observations, after checking that all are declared and fit.
 
     Args:
         env: the environment.
         who: class that needs them, for messages.
+        masks: which masks have to be observed, too: those that `who` reads.
 
     Raises:
-        ValueError: an undeclared observation; the message has its name, its source and the line that declares it.
+        ValueError: an undeclared observation; the message has its name, its source and the line that declares it. Or a
+            mask that is not observed, or does not fit.
     """
     table, space = env.observed, env.observation_space.spaces
     shapes = {name: sub.shape or () for name, sub in space.items()}
@@ -101,7 +103,7 @@ def declared_table(env: Environment, who: str) -> dict[str, Observed]:
                 f"def declared(self): return {call}{line}"
             )
     check_shapes(table, shapes, who)
-    _check_masks(table, shapes, who)
+    _check_masks(table, shapes, who, masks)
     return {name: one for name, one in table.items() if name in shapes}
 
 
@@ -136,7 +138,9 @@ def _joined(table: Mapping[str, Observed]) -> dict[str, list[str]]:
     return {whole: parts for whole, parts in joined.items() if len(parts) > 1}
 
 
-def _check_masks(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, ...]], who: str) -> None:
+def _check_masks(
+    table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, ...]], who: str, uses: tuple[str, ...]
+) -> None:
     """Refuses arrays whose masks are not observed or do not fit, which would show what is hidden.
 
     Raises:
@@ -144,7 +148,8 @@ def _check_masks(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, 
     """
     for name, shape in shapes.items():
         one = table[name]
-        for use, mask in (("present", one.present), ("seen", one.seen)):
+        for use in uses:
+            mask = getattr(one, use)
             if mask is None or not one.columns:
                 continue
             if mask not in shapes:
@@ -152,5 +157,6 @@ def _check_masks(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, 
             axis = one.axes.index(one.entity) if one.entity else 0
             if shapes[mask][-1:] != shape[axis : axis + 1]:
                 raise ValueError(
-                    f"{who}: {use} of {name!r}, {mask!r}, has shape {shapes[mask]}; takes {shape[axis]} along its last axis"
+                    f"{who}: {use} of {name!r}, {mask!r}, has shape {shapes[mask]}; takes {shape[axis]} along its last "
+                    "axis"
                 )

@@ -209,7 +209,7 @@ def test_tables_follow_selections_and_joins_and_padding():
     assert len(flat.observed["obs"].columns) == flat.observation_space["obs"].shape[1]
 
 
-# --- masks of a user's own ---------------------------------------------------------------------------------------------
+# --- masks of a user's own ------------------------------------------------------------------------------------------
 
 
 class Smell(maax.ObservationWrapper):

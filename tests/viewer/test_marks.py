@@ -259,7 +259,7 @@ def test_capture_the_flag_marks_flags_scores_and_who_is_out():
     game = state.mechanics["capture_the_flag"].replace(carrier=np.array([-1, 1]), out=out, score=np.array([1, 2]))
     frame = Stage(env).frame(state.replace(mechanics=state.mechanics | {"capture_the_flag": game}))
     parts = {part.name: part for part in frame.parts}
-    assert frame.text[-1] == "score 1 : 2"
+    assert frame.text[-1] == "score  blues 1 : reds 2"
     bases, carrier = state.world.sites["flag"], state.data.xpos[env.base.agents.body_ids[1]]
     for flag, (team, foot) in enumerate(zip(env.teams.values(), (bases[0], carrier), strict=True)):
         np.testing.assert_allclose(parts[f"capture_the_flag:{flag}:pole"].position[:2], foot[:2], atol=1e-6)

@@ -308,7 +308,10 @@ ERRORS = {
         "MaskActions: env has DiscretizeActions already; wrap with MaskActions before it",
     ),
     "unseen action": (lambda e, s: maax.MaskUnseenAction(e, "pull"), "action: got 'pull'; takes one of"),
-    "unseen team": (lambda e, s: maax.MaskUnseenAction(e, "move", 2), "team: got 2; takes one of [0, 1]"),
+    "unseen team": (
+        lambda e, s: maax.MaskUnseenAction(e, "move", 2),
+        "team: got 2; takes one of ['hiders', 'seekers'], or its number",
+    ),
     "unseen without teams": (
         lambda e, s: maax.MaskUnseenAction(maax.make("standard", impl="c"), "move"),
         "MaskUnseenAction: needs TeamMembership",
