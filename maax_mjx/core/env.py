@@ -200,9 +200,6 @@ class Base(Composition, Environment):
     def action_space(self) -> spaces.Dict:
         return spaces.Dict({"move": spaces.Box(-1.0, 1.0, (self.n_agents, 3), np.float32)})
 
-    def declared(self) -> dict[str, Observed]:
-        return Composition.declared(self)
-
     @from_model
     def _draw_layout(self) -> Callable[[jax.Array, DomainParams], Layout]:
         """The layout draw, compiled: called eagerly, its loop would otherwise be compiled at every reset."""

@@ -41,18 +41,19 @@ def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[C
         colours: RGBA of every slot; a team gets that of its first agent.
 
     Raises:
-        ValueError: a name twice, or a team without agents.
+        ValueError: a name that is no text or is there twice, a team without agents, or two teams whose agents would
+            have the same names, such as "red" and "reds".
     """
     teams: dict[str, Team] = {}
     members: dict[str, str] = {}
     for i, name in enumerate(names):
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"teams: got the name {name!r}; takes a text")
         if name in teams:
             raise ValueError(f"teams: got {name!r} twice in {list(names)}; takes different names")
         slots = tuple(int(slot) for slot in np.flatnonzero(team_index == i))
         if not slots:
             raise ValueError(f"teams: got {name!r} without agents; takes teams of at least one agent")
-        if not isinstance(name, str) or not name:
-            raise ValueError(f"teams: got the name {name!r}; takes a text")
         other = members.setdefault(member_of(name), name)
         if other != name:
             raise ValueError(f"teams: got {other!r} and {name!r}, whose agents have the same names; takes others")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Flags
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, sides_of, world
+from maax_mjx.tasks.standard import CountRange, GameConfig, TeamPlacements, sides_of, world
 from maax_mjx.wrappers import AgentAgentContactMask2D, CaptureTheFlag, TeamMembership
 
 
@@ -28,7 +28,7 @@ class CaptureTheFlagConfig(GameConfig):
     n_boxes: CountRange = (1, 3)
     n_ramps: CountRange = 0
     teams: Mapping[str, CountRange] = field(default_factory=lambda: {"blues": 2, "reds": 2})
-    agent_placement: Placement | Mapping[str, Placement] | Sequence[Placement] = ("room0", "room1")
+    agent_placement: TeamPlacements = ("room0", "room1")
     door_size: int = 6
     reach: float = 0.4
     wins_at: int = 3

@@ -13,7 +13,6 @@ from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement,
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
 from maax_mjx.worldgen import WorldParams
 
-HIDER_COLOUR, SEEKER_COLOUR = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 NEAR = 0.5
 """Metres from the first agent of the team, for placement "team"."""
 TEAM = "team"
@@ -21,6 +20,7 @@ TEAM = "team"
 Range = float | tuple[float, float]
 CountRange = int | tuple[int, int]
 Placement = str | PlacementFn
+TeamPlacements = Mapping[str, Placement] | tuple[Placement, ...] | list[Placement] | Placement
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class HidersAndSeekers:
         Raises:
             ValueError: no agents at all.
         """
-        hiders = Side("hiders", self.n_hiders, self.hider_placement, "hider_placement", HIDER_COLOUR)
-        seekers = Side("seekers", self.n_seekers, self.seeker_placement, "seeker_placement", SEEKER_COLOUR)
+        hiders = Side("hiders", self.n_hiders, self.hider_placement, "hider_placement", TEAM_COLOURS[0])
+        seekers = Side("seekers", self.n_seekers, self.seeker_placement, "seeker_placement", TEAM_COLOURS[1])
         sides = tuple(side for side in (hiders, seekers) if check_count_range(f"n_{side.name}", side.size)[1])
         if not sides:
             raise ValueError(
@@ -147,10 +147,12 @@ class Side(NamedTuple):
     colour: Colour | None = None
 
 
-def sides_of(
-    teams: Mapping[str, CountRange], placements: Mapping[str, Placement] | Sequence[Placement] | Placement
-) -> tuple[Side, ...]:
-    """Returns the teams of a config's fields `teams` and `agent_placement`, which is one for all, or one by team.
+def sides_of(teams: Mapping[str, CountRange], placements: TeamPlacements) -> tuple[Side, ...]:
+    """Returns the teams of a config's fields `teams` and `agent_placement`.
+
+    Args:
+        teams: agents per world by team, or (low, high).
+        placements: one for all teams, one by team, or a list of one per team in their order.
 
     Raises:
         ValueError: no teams, a team without agents, or placements for other teams.
@@ -165,13 +167,11 @@ def sides_of(
         placements = dict(zip(teams, placements, strict=True))
     if isinstance(placements, Mapping) and set(placements) != set(teams):
         raise ValueError(f"agent_placement: got {sorted(placements)}; takes one for each of {sorted(teams)}")
-    sides = []
     for name, count in teams.items():
         if not check_count_range(f"teams[{name!r}]", count)[1]:
             raise ValueError(f"teams: got no agents in {name!r}; takes at least one, or leave the team out")
-        placement: Placement = placements[name] if isinstance(placements, Mapping) else placements  # type: ignore[assignment]
-        sides.append(Side(name, count, placement, "agent_placement"))
-    return tuple(sides)
+    by_team = placements if isinstance(placements, Mapping) else dict.fromkeys(teams, placements)
+    return tuple(Side(name, count, by_team[name], "agent_placement") for name, count in teams.items())
 
 
 def standard(config: StandardConfig) -> Base:
@@ -214,13 +214,9 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     env.add_module(walls)
     if config.floor_friction is not None:
         env.add_module(FloorAttributes(config.floor_friction))
-
-    def place(argument: str, placement: Placement, first: str = "", n: int = 1) -> list[PlacementFn]:
-        return _placement(argument, placement, first, n)
-
     first, placements, colours = 0, [], []
     for i, (side, n) in enumerate(zip(sides, most, strict=True)):
-        placements += place(side.argument, side.placement, f"agent{first}", n)
+        placements += _placement(side.argument, side.placement, f"agent{first}", n)
         colours += [side.colour or TEAM_COLOURS[i % len(TEAM_COLOURS)]] * n
         first += n
     env.add_module(
@@ -236,7 +232,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     env.add_module(
         Boxes(
             config.n_boxes,
-            place("box_placement", config.box_placement)[0],
+            _placement("box_placement", config.box_placement)[0],
             box_friction=config.box_friction,
             n_elongated_boxes=config.n_elongated_boxes,
             random_yaw=config.random_yaw,
@@ -246,7 +242,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     env.add_module(
         Ramps(
             config.n_ramps,
-            place("ramp_placement", config.ramp_placement)[0],
+            _placement("ramp_placement", config.ramp_placement)[0],
             config.ramp_friction,
             random_yaw=config.random_yaw,
         )
@@ -254,7 +250,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     return env
 
 
-def _placement(argument: str, placement: Placement, first: str, n: int) -> list[PlacementFn]:
+def _placement(argument: str, placement: Placement, first: str = "", n: int = 1) -> list[PlacementFn]:
     """Returns the placement functions of `n` things; "team" is allowed for a team's agents, the first named `first`."""
     if callable(placement):
         return [placement] * n

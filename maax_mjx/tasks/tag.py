@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, Placement, sides_of, world
+from maax_mjx.tasks.standard import CountRange, GameConfig, TeamPlacements, sides_of, world
 from maax_mjx.wrappers import AgentAgentContactMask2D, Tag, TeamMembership
 
 
@@ -23,7 +23,7 @@ class TagConfig(GameConfig):
 
     scenario: str = "empty"
     teams: Mapping[str, CountRange] = field(default_factory=lambda: {"players": 4})
-    agent_placement: Placement | Mapping[str, Placement] = "uniform"
+    agent_placement: TeamPlacements = "uniform"
     n_boxes: CountRange = (1, 3)
     immunity: int = 50
 

@@ -28,7 +28,8 @@ class CriticObservations(ObservationWrapper):
     - `who_sees_whom` (n_agents, n_agents, n_agents), with `LineOfSight`: per observer, which agents (rows) see which
       (columns), both in the observer's circulant order: itself, i - 1, i - 2, ... A team's critic knows only its team's
       rows.
-    - `team_sees_<kind>` (n_agents, n), for a team's critic: masks of what any agent of the own team sees.
+    - `team_<mask>`, for a team's critic: for every mask of what an agent sees, such as `sees_box` (n_agents, n), the
+      mask of what any agent of its team sees.
 
     Args:
         env: environment to wrap, with split observations.

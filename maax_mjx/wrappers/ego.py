@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -54,8 +56,8 @@ class EgocentricObservations(ObservationWrapper):
     Columns are recognised by name. x and y become how far ahead and to the left something is, and its distance;
     velocities are relative to the agent's, in its frame; yaw, as an angle or as cos and sin, becomes cos and sin of the
     turn relative to the agent. An agent's own columns are its place as a share of the floor, its heading as cos and
-    sin, and its velocity in its own frame. Every column is divided by its scale and clipped at 5. Adds `time_left`
-    (n_agents, 1). Entities that are not in play are zero; masks stay as they are.
+    sin, and its velocity in its own frame. Every column is divided by its scale; those with a unit are clipped at 5.
+    Adds `time_left` (n_agents, 1). Entities that are not in play are zero; masks stay as they are.
 
     If a whole world is turned and shifted, only the `ABSOLUTE` columns change.
 
@@ -84,8 +86,9 @@ class EgocentricObservations(ObservationWrapper):
         for name, one in self._table.items():
             if not one.columns:
                 continue
-            parts = _columns(obs[name], one, frames, own=self._is_own(name))
-            scaled = [_scaled(column, x) for column, x in parts]
+            own = self._is_own(name)
+            view = _View(dict(zip(one.names(), jnp.moveaxis(obs[name], -1, 0), strict=True)), frames, own)
+            scaled = [_scaled(column, value(view)) for column, value in _parts(one, own=own)]
             x = shown(jnp.stack(scaled, axis=-1).astype(jnp.float32), playing)
             obs[name] = x if one.present is None else shown(x, state.obs[one.present] > 0)
         return obs | {"time_left": time_left(state, self.base.horizon, self.base.n_agents)}
@@ -94,8 +97,9 @@ class EgocentricObservations(ObservationWrapper):
         table = self.env.declared()
         for name, one in self._table.items():
             if one.columns:
-                columns = _renamed(one, own=self._is_own(name))
-                table[name] = replace(table[name], columns=tuple(_in_scales(column) for column in columns))
+                table[name] = replace(
+                    table[name], columns=tuple(_in_scales(c) for c, _ in _parts(one, own=self._is_own(name)))
+                )
         return table | {"time_left": Observed((AGENT,), flag("time left"))}
 
     def _is_own(self, name: str) -> bool:
@@ -114,59 +118,86 @@ class EgocentricObservations(ObservationWrapper):
         )
 
 
-def _renamed(one: Observed, *, own: bool) -> list[Column]:
-    """Returns the columns that an array's columns become."""
+class _View(NamedTuple):
+    """An array's columns by name, (n_agents, ...) each, and the frames that its agents see them in."""
+
+    columns: dict[str, jax.Array]
+    frames: Frames
+    own: bool
+
+    def kept(self, name: str) -> jax.Array:
+        return self.columns[name]
+
+    def minus(self, name: str) -> jax.Array:
+        return -self.columns[name]
+
+    def share_of_floor(self, name: str) -> jax.Array:
+        return self.columns[name] / self.frames.floor_size
+
+    def ahead(self, x: str, y: str) -> jax.Array:
+        a, b = self._relative(x, y)
+        return jnp.cos(self._heading(a)) * a + jnp.sin(self._heading(a)) * b
+
+    def left(self, x: str, y: str) -> jax.Array:
+        a, b = self._relative(x, y)
+        return jnp.cos(self._heading(a)) * b - jnp.sin(self._heading(a)) * a
+
+    def distance(self, x: str, y: str) -> jax.Array:
+        a, b = self._relative(x, y)
+        return jnp.sqrt(a * a + b * b)
+
+    def turn(self, yaw: str) -> jax.Array:
+        value = self.columns[yaw]
+        # At yaw 0 agents face -y.
+        return value - (jnp.pi / 2 if self.own else self._heading(value))
+
+    def _relative(self, x: str, y: str) -> tuple[jax.Array, jax.Array]:
+        a, b = self.columns[x], self.columns[y]
+        if self.own or x not in ("x", "vx"):
+            return a, b
+        origin = self.frames.position if x == "x" else self.frames.velocity
+        return a - _like(origin[:, 0], a), b - _like(origin[:, 1], b)
+
+    def _heading(self, x: jax.Array) -> jax.Array:
+        return _like(self.frames.heading, x)
+
+
+Parts = list[tuple[Column, Callable[[_View], jax.Array]]]
+
+
+def _parts(one: Observed, *, own: bool) -> Parts:
+    """Returns what an array's columns become, before scaling: the new columns, and where their numbers come from."""
     names = one.names()
     pairs = {first: pair for first, pair in FLAT.items() if first in names and pair[0] in names}
     seconds = {pair[0] for pair in pairs.values()}
-    columns: list[Column] = []
+    cos, sin = flag("cos heading", "sin heading") if own else flag("cos turn", "sin turn")
+    parts: Parts = []
     for column in one.columns:
-        if column.name == "x" and "x" in pairs and own:
-            columns += [Column("floor x"), Column("floor y")]
-        elif column.name in pairs:
-            columns += [replace(column, name=name) for name in pairs[column.name][1:]]
-            columns += [DISTANCE] if column.name == "x" else []
-        elif column.name == "yaw":
-            columns += flag("cos heading", "sin heading") if own else flag("cos turn", "sin turn")
-        elif column.name not in seconds:
-            columns.append(column)
-    return _headings(columns) if own else columns
-
-
-def _columns(x: jax.Array, one: Observed, frames: Frames, *, own: bool) -> list[tuple[Column, jax.Array]]:
-    """Returns the columns of an array (n_agents, ..., n_columns) in the agents' frames, before scaling."""
-    lead = (-1, *[1] * (x.ndim - 2))
-    named = dict(zip(one.names(), jnp.moveaxis(x, -1, 0), strict=True))
-    cos, sin = (f(frames.heading).reshape(lead) for f in (jnp.cos, jnp.sin))
-    pairs = {first: pair for first, pair in FLAT.items() if first in named and pair[0] in named}
-    seconds = {pair[0] for pair in pairs.values()}
-    values: list[jax.Array] = []
-    for name, value in named.items():
+        name = column.name
         if name in pairs:
-            a, b = value, named[pairs[name][0]]
+            second, ahead, left = pairs[name]
+            of: Any = {"x": name, "y": second}
             if own and name == "x":
-                values += [a / frames.floor_size, b / frames.floor_size]
-                continue
-            if own and name == "cos yaw":
-                values += [b, -a]
-                continue
-            if not own and name in ("x", "vx"):
-                origin = frames.position if name == "x" else frames.velocity
-                a, b = a - origin[:, 0].reshape(lead), b - origin[:, 1].reshape(lead)
-            values += [cos * a + sin * b, cos * b - sin * a]
-            values += [jnp.sqrt(a * a + b * b)] if name == "x" else []
+                parts += [(Column(f"floor {n}"), partial(_View.share_of_floor, name=old)) for n, old in of.items()]
+            elif own and name == "cos yaw":
+                # At yaw 0 agents face -y: their heading is yaw - pi / 2.
+                parts.append((cos, partial(_View.kept, name=second)))
+                parts.append((sin, partial(_View.minus, name=name)))
+            else:
+                parts.append((replace(column, name=ahead), partial(_View.ahead, **of)))
+                parts.append((replace(column, name=left), partial(_View.left, **of)))
+                parts += [(DISTANCE, partial(_View.distance, **of))] if name == "x" else []
         elif name == "yaw":
-            turn = value - jnp.pi / 2 if own else value - frames.heading.reshape(lead)
-            values += [jnp.cos(turn), jnp.sin(turn)]
+            parts.append((cos, lambda view: jnp.cos(view.turn("yaw"))))
+            parts.append((sin, lambda view: jnp.sin(view.turn("yaw"))))
         elif name not in seconds:
-            values.append(value)
-    return list(zip(_renamed(one, own=own), values, strict=True))
+            parts.append((column, partial(_View.kept, name=name)))
+    return parts
 
 
-def _headings(columns: list[Column]) -> list[Column]:
-    """Renames an agent's own turn to its heading on the floor."""
-    names = {"cos turn": "cos heading", "sin turn": "sin heading"}
-    return [replace(column, name=names.get(column.name, column.name)) for column in columns]
+def _like(x: jax.Array, other: jax.Array) -> jax.Array:
+    """Returns numbers (n_agents,) with as many axes as the other array, to be broadcast over them."""
+    return x.reshape(-1, *[1] * (other.ndim - 1))
 
 
 def _scaled(column: Column, x: jax.Array) -> jax.Array:

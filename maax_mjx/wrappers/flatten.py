@@ -80,32 +80,30 @@ class FlattenObservations(ObservationWrapper):
         self._shapes = {name: space.shape or () for name, space in env.observation_space.spaces.items()}
         self._table = dict(sorted(table.items()))
         self._seen = _seen_masks(self._table)
+        self._policys = [name for name, one in self._table.items() if not one.critic]
+        self._critics = [name for name, one in self._table.items() if one.critic]
         critic = find(env, CriticObservations)
         self._critic = None if critic is None else critic.of
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        policys = [name for name, one in self._table.items() if not one.critic]
-        obs = {"obs": _flat(_masked(state.obs, self._seen), policys)}
+        obs = {"obs": _flat(_masked(state.obs, self._seen), self._policys)}
         if self._critic is not None:
             team = {name: f"team_{mask}" for name, mask in self._seen.items()} if self._critic == "team" else {}
-            whole = _flat(_masked(state.obs, team), policys)
-            obs["critic"] = jnp.concatenate([whole, _flat(state.obs, self._critics_own())], axis=1)
+            whole = _flat(_masked(state.obs, team), self._policys)
+            obs["critic"] = jnp.concatenate([whole, _flat(state.obs, self._critics)], axis=1)
         return obs
 
     def declared(self) -> dict[str, Observed]:
-        columns = self._columns([name for name, one in self._table.items() if not one.critic])
+        columns = self._columns(self._policys)
         table = {"obs": Observed((AGENT,), columns)}
         if self._critic is not None:
-            table["critic"] = Observed((AGENT,), columns + self._columns(self._critics_own()), critic=True)
+            table["critic"] = Observed((AGENT,), columns + self._columns(self._critics), critic=True)
         return table
 
     def describe(self) -> Description:
         """Makes the table of the vectors, followed by that of the arrays in them."""
         parts = (row._replace(name=f"  {row.name}") for row in self.env.describe())
         return Description((*super().describe(), *parts))
-
-    def _critics_own(self) -> list[str]:
-        return [name for name, one in self._table.items() if one.critic]
 
     def _columns(self, names: list[str]) -> tuple[Column, ...]:
         """Returns the columns of the flat vector: "box_obs[0] x", "sees_box[1]", ..."""

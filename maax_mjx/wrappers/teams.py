@@ -16,11 +16,14 @@ from maax_mjx.core.teams import Team, make_teams
 from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 HIDERS, SEEKERS = "hiders", "seekers"
-"""Names of the two sides of hide and seek. Where no team has either name, the first hides and the second seeks."""
+"""Names of the two sides of hide and seek."""
 
 
 class TeamMembership(ObservationWrapper):
-    """Gives every agent a team (thesis 5.2.1). In games of hiding, the first team hides and the second seeks.
+    """Gives every agent a team (thesis 5.2.1).
+
+    In games of hiding, "hiders" hide and "seekers" seek; where no team has either name, the first hides and the second
+    seeks.
 
     Adds the observations `agent_team` (n_agents, 1), the team's number, and `team_size` (n_agents, 1), how many of this
     world's agents are in the team. Both are 0 for absent agents.
