@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import with_rows
-from maax_mjx.common.checks import check_key, described
+from maax_mjx.common.checks import check_key, described, is_traced
 from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.spaces import check_action, sample, space_of
@@ -22,24 +22,40 @@ from maax_mjx.core.composition import Composition
 from maax_mjx.core.describe import Description, describe
 from maax_mjx.core.faults import contain, find_fault
 from maax_mjx.core.generation import draw_layout
-from maax_mjx.core.state import State
+from maax_mjx.core.state import State, check_state
 from maax_mjx.core.teams import Team, agent_names, make_teams
-from maax_mjx.layout import Layout, World
+from maax_mjx.layout import World
 from maax_mjx.modules.from_model import from_model, without_cached
 from maax_mjx.physics import Data
 from maax_mjx.worldgen import WorldParams
+
+DOORS = {
+    "reset": ("begin(key, params)", "self.env.begin(key, params)"),
+    "step": ("transition(state, action)", "self.env.advance(state, action)"),
+}
+"""Methods that are not overridden: what subclasses implement instead, and how a wrapper calls it."""
 
 
 class Environment(ABC):
     """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely.
 
-    Subclasses implement `reset` and `transition`; `step` checks the action once and calls `transition`.
+    They are the doors, which check what they get once and are compiled when they are called outside of traced code.
+    Subclasses implement what happens inside: `begin` and `transition`.
 
     Attributes:
         n_agents: number of slots for agents.
     """
 
     n_agents: int
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        for door, (inside, inner) in DOORS.items():
+            if door in vars(cls):
+                raise ValueError(
+                    f"{door}: {cls.__name__} overrides it; takes `{inside}` instead, which `{door}` calls with checked "
+                    f"arguments; in it, {inner} is that of a wrapped environment"
+                )
 
     @property
     @abstractmethod
@@ -57,12 +73,10 @@ class Environment(ABC):
         """The teams by name."""
 
     @abstractmethod
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        """Draws a world and puts it at rest.
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
+        """Draws a world and puts it at rest. Subclasses implement it; `reset` calls it with checked arguments.
 
-        Args:
-            key: a typed key; it determines the world.
-            params: ranges to draw from; None uses `default_params`.
+        A wrapper calls `self.env.begin(key, params)` for the beginning of what it wraps.
         """
 
     @abstractmethod
@@ -76,6 +90,22 @@ class Environment(ABC):
     def declared(self) -> dict[str, Observed]:
         """Returns the declarations of observations, without the masks that `observed` finds by name."""
 
+    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+        """Draws a world and puts it at rest.
+
+        Args:
+            key: a typed key; it determines the world.
+            params: ranges to draw from; None uses `default_params`.
+
+        Raises:
+            ValueError: no typed key, several keys, or params outside their bounds.
+        """
+        check_key("key", key)
+        params = self.default_params if params is None else params
+        self.base.check_params(params)
+        params = jax.tree.map(jnp.asarray, params)
+        return self.begin(key, params) if is_traced((key, params)) else self._compiled_begin(key, params)
+
     def step(self, state: State, action: Any) -> State:
         """Advances a world by one env step, `n_frames` physics steps.
 
@@ -84,11 +114,21 @@ class Environment(ABC):
             action: in `action_space`.
 
         Raises:
-            ValueError: an action whose names, shapes or dtypes differ from the space's; outside traced code also
-                values out of range.
+            ValueError: a state of another environment or of many worlds; an action whose names, shapes or dtypes
+                differ from the space's; outside traced code also values out of range.
         """
+        check_state(state, self.state_shape)
         check_action(self.action_space, action)
-        return self.advance(state, action)
+        return self.advance(state, action) if is_traced((state, action)) else self._compiled_advance(state, action)
+
+    # Called operation by operation, hundreds of programs would be compiled, which takes several times as long.
+    @from_model
+    def _compiled_begin(self) -> Callable[[jax.Array, DomainParams], State]:
+        return jax.jit(self.begin)
+
+    @from_model
+    def _compiled_advance(self) -> Callable[[State, Any], State]:
+        return jax.jit(self.advance)
 
     def advance(self, state: State, action: Any) -> State:
         """Steps without checks, under this class's name, so that profiles can tell layers apart."""
@@ -117,7 +157,7 @@ class Environment(ABC):
     @from_model
     def state_shape(self) -> State:
         """A state of one world whose leaves have shapes and dtypes instead of values."""
-        return jax.eval_shape(self.reset, jax.random.key(0))
+        return jax.eval_shape(self.begin, jax.random.key(0), self.default_params)
 
     @from_model
     def observation_space(self) -> spaces.Dict:
@@ -200,18 +240,9 @@ class Base(Composition, Environment):
     def action_space(self) -> spaces.Dict:
         return spaces.Dict({"move": spaces.Box(-1.0, 1.0, (self.n_agents, 3), np.float32)})
 
-    @from_model
-    def _draw_layout(self) -> Callable[[jax.Array, DomainParams], Layout]:
-        """The layout draw, compiled: called eagerly, its loop would otherwise be compiled at every reset."""
-        return jax.jit(partial(draw_layout, self))
-
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        check_key("key", key)
-        params = self.default_params if params is None else params
-        self.check_params(params)
-        params = jax.tree.map(jnp.asarray, params)
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
         layout_key, state_key = jax.random.split(key)
-        layout = self._draw_layout(layout_key, params)
+        layout = draw_layout(self, layout_key, params)
         fields = {name: layout.fields[name][ids] for name, ids in self.overlay.items()}
         world = World(fields, layout.active, layout.extents, layout.sites, layout.plan, layout.valid)
         data = self.engine.init(world.fields, layout.qpos)

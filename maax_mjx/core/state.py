@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from flax import struct
 
+from maax_mjx.common.checks import check_not_donated, described
 from maax_mjx.common.params import DomainParams
 from maax_mjx.layout import World
 from maax_mjx.physics import Data
@@ -54,3 +56,53 @@ FIELDS = tuple(State.__dataclass_fields__)
 def plain(state: State) -> State:
     """Returns the state without the fields that a subclass adds for a batch."""
     return State(**{name: getattr(state, name) for name in FIELDS})
+
+
+def check_state(state: Any, wanted: State) -> None:
+    """Refuses what is not the state of one world of an environment.
+
+    Args:
+        state: the state to check.
+        wanted: the environment's `state_shape`.
+
+    Raises:
+        ValueError: no State, a batch of states, or a state of another environment.
+        RuntimeError: a state that was donated.
+    """
+    if not isinstance(state, State):
+        raise ValueError(f"state: got {described(state)}; takes a State, as reset and step give it")
+    if batch := jnp.shape(state.step):
+        raise ValueError(
+            f"state: got a batch of {batch[0]} worlds; takes one world: use jax.vmap(env.step) for a batch, or "
+            "maax.Worlds(env, n_worlds), whose worlds begin anew by themselves"
+        )
+    check_not_donated(state.step)
+    check_fits(state, wanted)
+
+
+def check_fits(states: State, wanted: State, leading: int = 0) -> None:
+    """Refuses states with other things in a world or other mechanics than `wanted`; the engine may be another one.
+
+    Args:
+        states: states with some leading axes.
+        wanted: an environment's `state_shape`.
+        leading: number of leading axes.
+
+    Raises:
+        ValueError: states of another environment; the message names what differs.
+    """
+    needs, got = _shapes(wanted, 0), _shapes(states, leading)
+    for name in (*needs, *got):
+        if needs.get(name) != got.get(name):
+            here, there = (str(of.get(name, "nothing")) for of in (got, needs))
+            raise ValueError(f"states: got states of another environment: {name} has {here}, and in env {there}")
+
+
+def _shapes(state: State, leading: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of what is in a world and of what its mechanics keep, by name, without some leading axes."""
+    parts = {"reward": state.reward, "world": state.world, "mechanics": state.mechanics}
+    parts["data"] = {"geom_xpos": state.data.geom_xpos, "qpos": state.data.qpos}
+    return {
+        "state" + "".join(f".{getattr(key, 'key', getattr(key, 'name', key))}" for key in path): leaf.shape[leading:]
+        for path, leaf in jax.tree_util.tree_leaves_with_path(parts)
+    }

@@ -16,6 +16,7 @@ from maax_mjx.common.params import DomainParams, check_params
 from maax_mjx.common.runtime import is_out_of_memory, quick_compilation
 from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.rollout import Policy, check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
@@ -214,6 +215,7 @@ class Worlds:
             got = f"{jnp.size(states.step)} worlds" if isinstance(states, WorldsState) else type(states).__name__
             raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")
         check_not_donated(states.step)
+        check_fits(states, self.env.state_shape, leading=len(self.shape))
 
     def _run(self, program: Callable, *args: Any) -> Any:
         """Runs a compiled program; its first run is waited for, since accelerators report a lack of memory late."""

@@ -12,7 +12,7 @@ from maax_mjx.common.checks import check_choice, check_key, check_new_name
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment
-from maax_mjx.core.state import State
+from maax_mjx.core.state import State, check_state
 from maax_mjx.tasks.config import override
 
 
@@ -118,6 +118,7 @@ def jitted(env: Environment | str, **overrides: Any) -> tuple[Callable[..., Stat
         return fast_reset(key, params)
 
     def step(state: State, action: dict[str, jax.Array]) -> State:
+        check_state(state, env.state_shape)
         check_action(env.action_space, action)
         return fast_step(state, action)
 

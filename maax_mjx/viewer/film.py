@@ -11,7 +11,7 @@ from flax import struct
 
 from maax_mjx.common.checks import check_not_donated
 from maax_mjx.core.env import Environment
-from maax_mjx.core.state import State
+from maax_mjx.core.state import State, check_fits
 from maax_mjx.parallel import WorldsState
 
 KEPT = ("data", "world", "reward", "step", "mechanics")
@@ -95,7 +95,7 @@ def film(env: Environment, states: Any, worlds: Picked) -> Film:
     n_frames, n_worlds = stacked.step.shape
     if not n_frames or not n_worlds:
         raise ValueError(f"states: got {n_frames} frames of {n_worlds} worlds; takes at least one")
-    _check_fits(env, stacked)
+    check_fits(stacked, env.state_shape, leading=2)
     returns = _summed(stacked) if known is None else np.where(stacked.step[..., None] == 0, 0.0, known)
     split = [[jax.tree.map(lambda x, t=t, w=w: x[t, w], stacked) for w in range(n_worlds)] for t in range(n_frames)]
     sums = [[None if np.isnan(row).any() else row for row in frame] for frame in returns]
@@ -208,25 +208,6 @@ def chosen_worlds(worlds: Picked, n: int, name: str = "worlds") -> np.ndarray:
 def _only_one(worlds: Picked) -> None:
     if worlds is not None and np.atleast_1d(np.asarray(worlds)).tolist() != [0]:
         raise ValueError(f"worlds: got {worlds!r}; the states are of a single world and take None")
-
-
-def _check_fits(env: Environment, states: State) -> None:
-    """Refuses states with other things in a world or other mechanics than env has; the engine may be another one."""
-    wanted, got = _shapes(env.state_shape, 0), _shapes(states, 2)
-    for name in (*wanted, *got):
-        if wanted.get(name) != got.get(name):
-            here, there = (str(of.get(name, "nothing")) for of in (got, wanted))
-            raise ValueError(f"states: got states of another environment: {name} has {here}, and in env {there}")
-
-
-def _shapes(state: State, leading: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of what is in a world and of what its mechanics keep, by name, without some leading axes."""
-    parts = {"reward": state.reward, "world": state.world, "mechanics": state.mechanics}
-    parts["data"] = {"geom_xpos": state.data.geom_xpos, "qpos": state.data.qpos}
-    return {
-        "state" + "".join(f".{getattr(key, 'key', getattr(key, 'name', key))}" for key in path): leaf.shape[leading:]
-        for path, leaf in jax.tree_util.tree_leaves_with_path(parts)
-    }
 
 
 def _summed(states: State) -> np.ndarray:

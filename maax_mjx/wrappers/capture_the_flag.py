@@ -82,10 +82,10 @@ class CaptureTheFlag(Wrapper):
             raise ValueError(f"CaptureTheFlag: got {teams.n_teams} teams; takes 2")
         self._team = teams.team_index
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
         nobody = jnp.zeros(self.base.n_agents, bool)
         game = FlagGame(jnp.full(2, AT_BASE, jnp.int32), nobody, jnp.zeros(2, jnp.int32))
-        return self._observe(self.remember(self.env.reset(key, params), game))
+        return self._observe(self.remember(self.env.begin(key, params), game))
 
     def transition(self, state: State, action: Any) -> State:
         before: FlagGame = state.mechanics[self.name]

@@ -52,8 +52,8 @@ class PreparationPhase(Wrapper):
         if blind:
             self._check_senses()
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self._observe(self.env.reset(key, params))
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
+        return self._observe(self.env.begin(key, params))
 
     def transition(self, state: State, action: dict[str, Any]) -> State:
         preparing = state.step < self.n_steps

@@ -64,8 +64,8 @@ class TrackStats(StateWrapper):
         if teams is not None:
             self._pairs = teams.of(SEEKERS)[:, None] & teams.of(HIDERS)
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        state = self.env.reset(key, params)
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
+        state = self.env.begin(key, params)
         here = self._positions(state)
         n = self.base.n_agents
         totals = {"distance_run": jnp.zeros(n)}

@@ -61,8 +61,8 @@ class Tag(Wrapper):
         self.immunity = check_count("immunity", immunity)
         self.scale = check_positive("scale", scale)
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        state = self.env.reset(key, params)
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
+        state = self.env.begin(key, params)
         none = jnp.full((), -1, jnp.int32)
         nothing = jnp.zeros((), jnp.int32)
         tagged = Tagged(draw_one(state.key, state.step, self.playing(state)), none, nothing, nothing)

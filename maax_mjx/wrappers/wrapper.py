@@ -18,7 +18,7 @@ W = TypeVar("W", bound="Wrapper")
 
 
 class Wrapper(Environment):
-    """An environment around another. Subclass one of its kinds, or this class to override `reset` and `transition`.
+    """An environment around another. Subclass one of its kinds, or this class to override `begin` and `transition`.
 
     Wrapping does not change the given environment: a wrapper that needs modules adds them to a copy.
 
@@ -30,8 +30,8 @@ class Wrapper(Environment):
         env: environment to wrap.
 
     Raises:
-        ValueError: `env` is not an environment, lacks a wrapper that this one requires, has one that must be outside
-            this one or has its name; or a class overrides `step` instead of `transition`.
+        ValueError: `env` is not an environment, lacks a wrapper that this one requires, or has one that must be
+            outside this one or has its name.
     """
 
     name: str = ""
@@ -45,13 +45,6 @@ class Wrapper(Environment):
     def __init__(self, env: Environment):
         self.env = check_environment(env)
         mine = type(self).__name__
-        for layer in (self, env):
-            if type(layer).step is not Environment.step:
-                other = type(layer).__name__
-                raise ValueError(
-                    f"step: {other} overrides it; takes `transition(state, action)` instead, which `step` calls with a "
-                    "checked action; in it, self.env.advance(state, action) is the step of the wrapped environment"
-                )
         for kind in self.requires:
             self.inner(kind)
         for layer in layers(env):
@@ -71,8 +64,8 @@ class Wrapper(Environment):
     def action_space(self) -> spaces.Dict:
         return self.env.action_space
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self.env.reset(key, params)
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
+        return self.env.begin(key, params)
 
     def transition(self, state: State, action: Any) -> State:
         return self.env.advance(state, action)
@@ -138,8 +131,8 @@ class StateWrapper(Wrapper):
         """Returns the state with what this wrapper adds: observations, memory, metrics."""
         raise NotImplementedError
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
-        return self.observe(self.env.reset(key, params))
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
+        return self.observe(self.env.begin(key, params))
 
     def transition(self, state: State, action: Any) -> State:
         return self.observe(self.env.advance(state, action))

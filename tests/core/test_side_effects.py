@@ -161,13 +161,18 @@ def test_actions_are_checked_once(monkeypatch):
     assert calls[0][0] is env.action_space or calls[0][0] == env.action_space
 
 
-def test_a_wrapper_that_overrides_step_is_refused_with_what_to_do():
-    class Old(maax.Wrapper):
-        def step(self, state, action):
-            return self.env.step(state, action)
-
+def test_a_class_that_overrides_a_door_is_refused_with_what_to_do():
     with pytest.raises(ValueError, match=r"step: Old overrides it; takes `transition\(state, action\)` instead"):
-        Old(world())
+
+        class Old(maax.Wrapper):
+            def step(self, state, action):
+                return self.env.step(state, action)
+
+    with pytest.raises(ValueError, match=r"reset: Older overrides it; takes `begin\(key, params\)` instead"):
+
+        class Older(Base):
+            def reset(self, key, params=None):
+                return super().reset(key, params)
 
 
 @pytest.mark.parametrize(

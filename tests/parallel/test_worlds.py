@@ -29,9 +29,9 @@ class Paid(Base):
         for module in (WallScenarios("quad"), Agents(n_agents), *modules):
             self.add_module(module)
 
-    def reset(self, key, params=None):
+    def begin(self, key, params):
         self.traces["reset"] += 1
-        return super().reset(key, params)
+        return super().begin(key, params)
 
     def transition(self, state, action):
         self.traces["step"] += 1

@@ -22,7 +22,7 @@ class Given(maax.Wrapper):
         super().__init__(env)
         self.states = states
 
-    def reset(self, key, params=None):
+    def begin(self, key, params):
         return jax.tree.map(lambda x: x[jax.random.key_data(key)[-1]], self.states)
 
 

@@ -51,7 +51,7 @@ class Script(maax.Wrapper):
         super().__init__(env)
         self.start = start
 
-    def reset(self, key, params=None):
+    def begin(self, key, params):
         keys = jax.random.split(key, 5)
         active = jax.random.bernoulli(keys[0], 0.75, (N,))
         floor = jax.random.uniform(keys[1], (), minval=4.0, maxval=8.0)

@@ -55,8 +55,8 @@ def marks_of(mechanic: type[Wrapper], *, sense: str | None = None) -> Callable[[
         class Battery(maax.Wrapper):
             name = "battery"
 
-            def reset(self, key, params=None):
-                return self.remember(self.env.reset(key, params), jnp.ones(self.base.n_agents))
+            def begin(self, key, params):
+                return self.remember(self.env.begin(key, params), jnp.ones(self.base.n_agents))
 
             def transition(self, state, action):
                 left = state.mechanics[self.name] - 0.01 * jnp.abs(action["move"]).mean(axis=1)

@@ -83,10 +83,10 @@ class GrabObjects(Wrapper):
         shape = (n, self.n_grabbable) if self.selective else (n,)
         return spaces.Dict({**self.env.action_space.spaces, GRAB: spaces.MultiBinary(shape)})
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
         n = self.base.n_agents
         grabs = Grabs(jnp.full(n, NOTHING, jnp.int32), jnp.zeros((n, 8)))
-        return self._observe(self.remember(self.env.reset(key, params), grabs))
+        return self._observe(self.remember(self.env.begin(key, params), grabs))
 
     def transition(self, state: State, action: dict[str, Any]) -> State:
         wants = jnp.asarray(action[GRAB]) > 0

@@ -111,11 +111,11 @@ class LockObjects(Wrapper):
         shape = (n, self.n_lockable) if self.per_object else (n,)
         return spaces.Dict({**self.env.action_space.spaces, self.action_name: spaces.MultiBinary(shape)})
 
-    def reset(self, key: jax.Array, params: DomainParams | None = None) -> State:
+    def begin(self, key: jax.Array, params: DomainParams) -> State:
         nobody = jnp.full(self.n_lockable, -1, jnp.int32)
         free = jnp.zeros(self.n_lockable, bool)
         locks = Locks(free, nobody, jnp.zeros_like(nobody), jnp.zeros((self.n_lockable, 7)))
-        return self._observe(self.remember(self.env.reset(key, params), locks))
+        return self._observe(self.remember(self.env.begin(key, params), locks))
 
     def transition(self, state: State, action: dict[str, Any]) -> State:
         wants = jnp.asarray(action[self.action_name]) > 0
