@@ -97,6 +97,7 @@ from maax_mjx.wrappers import (  # noqa: E402
     TeamMembership,
     TrackStats,
     Wrapper,
+    extended,
 )
 
 __version__ = "0.1.0"
@@ -177,6 +178,7 @@ __all__ = [
     "at_placement",
     "centre_placement",
     "config_of",
+    "extended",
     "jitted",
     "make",
     "marks_of",

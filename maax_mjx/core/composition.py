@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
+from weakref import WeakSet
 
 import jax
 import mujoco
@@ -19,6 +21,13 @@ from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Engine, Overlay, check_impl, make_engine, union
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
+
+
+class Around(WeakSet):
+    """The wrappers around an environment, which its copies do not have."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Around:
+        return Around()
 
 
 class Composition:
@@ -53,17 +62,32 @@ class Composition:
         self._contacts_per_world = contacts_per_world
         self._modules: dict[str, Module] = {}
         self._build = object()
+        self.around = Around()
 
     # --- modules -----------------------------------------------------------------------------------------------
 
     def add_module(self, module: Module) -> None:
         """Adds a module; modules draw in the order in which they were added.
 
-        States made before do not fit the environment any more, and existing wrappers do not know the module: add all
-        modules first, then wrap, then reset.
+        States made before do not fit the environment any more: add all modules first, then reset.
 
         Raises:
-            ValueError: a module that does not fit the environment or the modules before it.
+            ValueError: a module that does not fit the environment or the modules before it; an environment that has
+                wrappers, which would not know the module.
+        """
+        if self.around:
+            layers = ", ".join(sorted({type(layer).__name__ for layer in self.around}))
+            raise ValueError(
+                f"module: got {module!r} for an environment that {layers} wraps; takes modules before wrappers: "
+                "maax.make(name, modules=[...]) for a game, or maax.extended(env, modules=[...])"
+            )
+        self.attach(module)
+
+    def attach(self, module: Module) -> None:
+        """Adds a module below wrappers: for a wrapper that adds one to its own copy of an environment.
+
+        Raises:
+            ValueError: as `add_module`.
         """
         if not isinstance(module, Module):
             raise ValueError(f"module: got {module!r}; takes a Module")

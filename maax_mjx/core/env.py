@@ -6,7 +6,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from maax_mjx.common.arrays import with_rows
 from maax_mjx.common.checks import check_key, described, is_traced
 from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
+from maax_mjx.common.recorded import MADE_WITH, Recorded, differing, short
 from maax_mjx.common.spaces import check_action, sample, space_of
 from maax_mjx.core.composition import Composition
 from maax_mjx.core.describe import Description, describe
@@ -36,7 +37,25 @@ DOORS = {
 """Methods that are not overridden: what subclasses implement instead, and how a wrapper calls it."""
 
 
-class Environment(ABC):
+class Made(NamedTuple):
+    """What a game was made from.
+
+    Attributes:
+        make: `make(name, config)`, which makes it again.
+        name: the game's name.
+        config: its config.
+    """
+
+    make: Callable[[str, Any], Environment]
+    name: str
+    config: Any
+
+    def __str__(self) -> str:
+        fields = differing(self.config)
+        return f"{self.name}({', '.join(f'{name}={short(value)}' for name, value in fields.items())})"
+
+
+class Environment(Recorded, ABC):
     """A multi-agent environment of one world. `reset` and `step` are pure: jit, vmap and scan them freely.
 
     They are the doors, which check what they get once and are compiled when they are called outside of traced code.
@@ -44,9 +63,12 @@ class Environment(ABC):
 
     Attributes:
         n_agents: number of slots for agents.
+        made: what it was made from, if `maax.make` made it.
+        made_with: the arguments of its construction.
     """
 
     n_agents: int
+    made: Made | None = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -61,6 +83,11 @@ class Environment(ABC):
     @abstractmethod
     def base(self) -> Base:
         """The environment under all wrappers, which owns the model, the modules and the engine."""
+
+    @property
+    @abstractmethod
+    def layers(self) -> tuple[Any, ...]:
+        """The wrappers, each a `Wrapper`, the outermost first."""
 
     @property
     @abstractmethod
@@ -173,13 +200,25 @@ class Environment(ABC):
         """Draws a uniform random action; traceable."""
         return sample(self.action_space, key)
 
+    def __repr__(self) -> str:
+        made = next((env.made for env in (*self.layers, self.base) if env.made), "")
+        layers = ", ".join(type(layer).__name__ for layer in reversed(self.layers))
+        parts = [f"{self.n_agents} agents", f"modules {', '.join(self.base.modules)}", f"engine {self.base.impl}"]
+        parts += [f"layers {layers}"] if layers else []
+        return f"<{made or type(self.base).__name__}: {'; '.join(parts)}>"
+
+    def __reduce__(self) -> Any:
+        if self.made is not None:
+            return self.made.make, (self.made.name, self.made.config)
+        return _again, (type(self), *self.made_with, list(self.base.modules.values()) if self is self.base else [])
+
     def __deepcopy__(self, memo: dict[int, Any]) -> Environment:
         """Copies the whole chain, with its own modules and a model that is not built yet."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
         for name, value in without_cached(self).items():
             try:
-                twin.__dict__[name] = copy.deepcopy(value, memo)
+                twin.__dict__[name] = value if name == MADE_WITH else copy.deepcopy(value, memo)
             except (TypeError, copy.Error) as error:
                 mine = type(self).__name__
                 raise ValueError(
@@ -230,6 +269,10 @@ class Base(Composition, Environment):
     @property
     def base(self) -> Base:
         return self
+
+    @property
+    def layers(self) -> tuple[Any, ...]:
+        return ()
 
     @property
     def teams(self) -> dict[str, Team]:
@@ -314,6 +357,14 @@ class Base(Composition, Environment):
         active = jnp.concatenate([world.active[m.kind] for m in entities])
         is_agent = np.concatenate([np.full(m.n_max, m is self.agents) for m in entities])
         return find_fault(data, world.plan, position, active, is_agent)
+
+
+def _again(kind: type[Environment], args: tuple[Any, ...], kwargs: dict[str, Any], modules: list[Any]) -> Environment:
+    """Makes an environment anew, from the arguments and modules that it was made of; for pickle."""
+    env = kind(*args, **kwargs)
+    for module in modules:
+        env.base.add_module(module)
+    return env
 
 
 def check_environment(env: Any) -> Environment:

@@ -10,6 +10,7 @@ import mujoco
 
 from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter
+from maax_mjx.common.recorded import MADE_WITH, Recorded
 from maax_mjx.layout import Layout, World
 from maax_mjx.modules.from_model import without_cached
 from maax_mjx.physics import Data, Overlay
@@ -28,7 +29,7 @@ class Owner(Protocol):
     def model(self) -> mujoco.MjModel: ...
 
 
-class Module:
+class Module(Recorded):
     """A part of a world. Subclass it for your own; every hook has a default that adds nothing.
 
     Attributes:
@@ -70,13 +71,19 @@ class Module:
         """The token of the composition that `from_model` properties belong to."""
         return self.owner.build
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.made_with})"
+
+    def __reduce__(self) -> Any:
+        return _again, (type(self), *self.made_with)
+
     def __deepcopy__(self, memo: dict[int, Any]) -> Module:
         """Copies the module, as a part of its environment's copy or of no environment."""
         twin = object.__new__(type(self))
         memo[id(self)] = twin
         for name, value in without_cached(self).items():
             if name != "_owner":
-                setattr(twin, name, copy.deepcopy(value, memo))
+                setattr(twin, name, value if name == MADE_WITH else copy.deepcopy(value, memo))
         twin._owner = memo.get(id(self._owner))
         return twin
 
@@ -137,3 +144,8 @@ class Module:
     def declared(self) -> dict[str, Observed]:
         """Returns the declarations of the arrays of `observation_step`."""
         return {}
+
+
+def _again(kind: type[Module], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Module:
+    """Makes a module anew, in no environment; for pickle."""
+    return kind(*args, **kwargs)

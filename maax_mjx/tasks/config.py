@@ -1,14 +1,41 @@
-"""Overriding fields of configs (frozen dataclasses) by name, and fields inside them by dotted names."""
+"""Configs of games, frozen dataclasses: what all can have, and overriding fields by name or dotted name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from maax_mjx.common.checks import check_choice
+from maax_mjx.core.env import Environment
+from maax_mjx.modules import Module
+from maax_mjx.wrappers.extend import Layers, extended
 
 C = TypeVar("C")
+
+
+@dataclass(frozen=True)
+class Extensions:
+    """What is put into a game besides its own parts; see `extended`.
+
+    Attributes:
+        modules: modules that are added after its own.
+        inside, outside: layers by the layer that they are put next to.
+    """
+
+    modules: Sequence[Module] = ()
+    inside: Layers = field(default_factory=dict)
+    outside: Layers = field(default_factory=dict)
+
+    def extend(self, env: Environment) -> Environment:
+        """Returns the environment with what the config puts into it.
+
+        Raises:
+            ValueError: what `extended` refuses.
+        """
+        if not (self.modules or self.inside or self.outside):
+            return env
+        return extended(env, self.modules, self.inside, self.outside)
 
 
 def override(config: C, overrides: Mapping[str, Any], where: str) -> C:

@@ -11,9 +11,9 @@ import jax
 from maax_mjx.common.checks import check_choice, check_key, check_new_name
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.spaces import check_action
-from maax_mjx.core.env import Environment
+from maax_mjx.core.env import Environment, Made
 from maax_mjx.core.state import State, check_state
-from maax_mjx.tasks.config import override
+from maax_mjx.tasks.config import Extensions, override
 
 
 class Task(NamedTuple):
@@ -56,12 +56,22 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     _TASKS[name] = Task(build, config)
 
 
-def config_of(name: str, **overrides: Any) -> Any:
-    """Returns the config of a named environment, with some fields changed; see `make`.
+def config_of(name: str | Environment, **overrides: Any) -> Any:
+    """Returns the config of a named environment, or the one that an environment was made from.
+
+    Args:
+        name: one of `tasks()`, or an environment that `make` made, with or without further wrappers.
+        **overrides: fields to change; see `make`.
 
     Raises:
-        ValueError: an unknown name or field; the message suggests the nearest ones.
+        ValueError: an unknown name or field (the message suggests the nearest ones), or an environment that `make` did
+            not make.
     """
+    if isinstance(name, Environment):
+        made = next((env.made for env in (*name.layers, name.base) if env.made), None)
+        if made is None:
+            raise ValueError(f"config_of: got {name!r}, which has no config; takes what maax.make made, or its name")
+        return override(made.config, overrides, f"config_of({made.name!r})")
     task = _TASKS[check_choice("name", name, _TASKS)]
     return override(task.config(), overrides, f"make({name!r})")
 
@@ -85,9 +95,13 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
     if config is not None and not isinstance(config, type(defaults)):
         got = f"the class {config.__name__}" if isinstance(config, type) else type(config).__name__
         raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
-    env = _TASKS[name].build(override(defaults if config is None else config, overrides, f"make({name!r})"))
+    config = override(defaults if config is None else config, overrides, f"make({name!r})")
+    env = _TASKS[name].build(config)
     if not isinstance(env, Environment):
         raise ValueError(f"build: got {env!r} from that of {name!r}; takes a function from a config to an environment")
+    if isinstance(config, Extensions):
+        env = config.extend(env)
+    env.made = Made(make, name, config)
     return env
 
 

@@ -11,6 +11,7 @@ from maax_mjx.common.colours import TEAM_COLOURS, Colour
 from maax_mjx.core.env import Base
 from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement, uniform_placement
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
+from maax_mjx.tasks.config import Extensions
 from maax_mjx.worldgen import WorldParams
 
 NEAR = 0.5
@@ -24,7 +25,7 @@ TeamPlacements = Mapping[str, Placement] | tuple[Placement, ...] | list[Placemen
 
 
 @dataclass(frozen=True)
-class WorldConfig:
+class WorldConfig(Extensions):
     """A room with boxes and ramps, for any teams.
 
     A placement is a name that `placement_by_name` takes, such as "uniform", "quad", "room0", or your own; "team" for

@@ -5,6 +5,7 @@ from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.critic import CriticObservations
 from maax_mjx.wrappers.ego import EgocentricObservations
+from maax_mjx.wrappers.extend import extended
 from maax_mjx.wrappers.flatten import FlattenObservations, MaskObservations
 from maax_mjx.wrappers.grabs import GrabObjects
 from maax_mjx.wrappers.locks import LockObjects
@@ -25,7 +26,6 @@ from maax_mjx.wrappers.wrapper import (
     Wrapper,
     find,
     find_all,
-    layers,
 )
 
 __all__ = [
@@ -57,7 +57,7 @@ __all__ = [
     "TeamMembership",
     "TrackStats",
     "Wrapper",
+    "extended",
     "find",
     "find_all",
-    "layers",
 ]

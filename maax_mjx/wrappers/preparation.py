@@ -16,7 +16,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.teams import SEEKERS, TeamMembership
-from maax_mjx.wrappers.wrapper import Wrapper, layers
+from maax_mjx.wrappers.wrapper import Wrapper
 
 
 class PreparationPhase(Wrapper):
@@ -48,7 +48,7 @@ class PreparationPhase(Wrapper):
             raise ValueError(f"prep_fraction: got {prep_fraction!r}; takes a number in [0, 1]")
         self.n_steps = ceil(round(prep_fraction * env.base.horizon, 9))
         self.seekers = self.inner(TeamMembership).of(SEEKERS)
-        self._senses = [layer for layer in layers(env) if layer.senses] if check_bool("blind", blind) else []
+        self._senses = [layer for layer in self.env.layers if layer.senses] if check_bool("blind", blind) else []
         if blind:
             self._check_senses()
 

@@ -12,7 +12,7 @@ import numpy as np
 from maax_mjx.common.observed import AGENT, Observed, check_shapes, declaration
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.wrappers.wrapper import ObservationWrapper, layers
+from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 OTHER = "other"
 """Name of the axis of the other agents."""
@@ -109,7 +109,7 @@ def declared_table(env: Environment, who: str, masks: tuple[str, ...] = ("presen
 
 def _origin(env: Environment, name: str) -> tuple[str, str]:
     """Returns the class that adds an observation, and what its `declared` begins with."""
-    inner = [layer for layer in layers(env) if name in layer.observation_space.spaces]
+    inner = [layer for layer in env.layers if name in layer.observation_space.spaces]
     if inner and name not in env.base.observation_space.spaces:
         return type(inner[-1]).__name__, "self.env.declared() | "
     for module in env.base.modules.values():

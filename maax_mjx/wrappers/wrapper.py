@@ -44,21 +44,31 @@ class Wrapper(Environment):
 
     def __init__(self, env: Environment):
         self.env = check_environment(env)
+        env.base.around.add(self)
         mine = type(self).__name__
         for kind in self.requires:
             self.inner(kind)
-        for layer in layers(env):
+        for layer in env.layers:
             if isinstance(layer, self.precedes) or isinstance(self, layer.follows):
                 other = type(layer).__name__
                 raise ValueError(
                     f"{mine}: env has {other} already; wrap with {mine} before it: {other}({mine}(env, ...))"
                 )
-        if self.name and any(layer.name == self.name for layer in layers(env)):
+        if self.name and any(layer.name == self.name for layer in env.layers):
             raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")
 
     @property
     def base(self) -> Base:
         return self.env.base
+
+    @property
+    def layers(self) -> tuple[Any, ...]:
+        return self, *self.env.layers
+
+    @property
+    def given(self) -> Environment:
+        """The environment that was given, which is not `self.env` where the wrapper works on a copy."""
+        return next(x for x in (*self.made_with.args, *self.made_with.kwargs.values()) if isinstance(x, Environment))
 
     @property
     def action_space(self) -> spaces.Dict:
@@ -161,15 +171,6 @@ class RewardWrapper(Wrapper):
         return state.replace(reward=self.reward(state))
 
 
-def layers(env: Environment) -> list[Wrapper]:
-    """Returns the wrappers of an environment, the outermost first."""
-    found = []
-    while isinstance(env, Wrapper):
-        found.append(env)
-        env = env.env
-    return found
-
-
 def find(env: Environment, kind: type[W]) -> W | None:
     """Returns the outermost wrapper of a kind, or None."""
     return next(iter(find_all(env, kind)), None)
@@ -177,4 +178,4 @@ def find(env: Environment, kind: type[W]) -> W | None:
 
 def find_all(env: Environment, kind: type[W]) -> list[W]:
     """Returns all wrappers of a kind, the outermost first."""
-    return [layer for layer in layers(env) if isinstance(layer, kind)]
+    return [layer for layer in env.layers if isinstance(layer, kind)]

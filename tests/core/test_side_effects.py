@@ -170,7 +170,7 @@ def test_a_class_that_overrides_a_door_is_refused_with_what_to_do():
 
     with pytest.raises(ValueError, match=r"reset: Older overrides it; takes `begin\(key, params\)` instead"):
 
-        class Older(Base):
+        class Older(maax.Base):
             def reset(self, key, params=None):
                 return super().reset(key, params)
 

@@ -41,7 +41,7 @@ from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.tasks import GrabConfig, StandardConfig, TagConfig, observed_by_agents, registry, standard
-from maax_mjx.wrappers import find, layers
+from maax_mjx.wrappers import find
 
 NAMES = ["capture_the_flag", "hide_and_seek", "hide_and_seek_full", "hide_and_seek_quadrant", "standard", "tag"]
 OPENAI = ["hide_and_seek_quadrant", "hide_and_seek_full"]
@@ -93,7 +93,7 @@ def test_a_config_to_start_from():
 
 def test_groups_can_be_left_out_and_put_in():
     bare = make("hide_and_seek", lock=None, stats=False, observations="raw")
-    assert [type(w).__name__ for w in layers(bare)] == [
+    assert [type(w).__name__ for w in bare.layers] == [
         "PreparationPhase",
         "HideAndSeekReward",
         "AgentAgentContactMask2D",
@@ -394,7 +394,7 @@ def test_the_numbers_of_openai(name, game):
 @pytest.mark.parametrize("name", OPENAI)
 def test_wrappers_of_openai_in_order(name, game):
     """Rewards and the rectangle inside the preparation, so that both are zero in it; bins outside."""
-    kinds = [type(w).__name__ for w in layers(game(name))][::-1]
+    kinds = [type(w).__name__ for w in game(name).layers][::-1]
     inner = ["TeamMembership", "AgentAgentContactMask2D", "LineOfSight", "Lidar", "LockObjects", "GrabObjects"]
     outer = ["HideAndSeekReward", "RestrictAgentsRect", "PreparationPhase", "TrackStats", "DiscretizeActions"]
     assert kinds[:11] == inner + outer
@@ -611,7 +611,7 @@ def told():
         world = state.world.replace(active=state.world.active | {"agent": jnp.asarray(active)})
         state = state.replace(obs={key: jnp.asarray(x) for key, x in obs.items()}, world=world)
         told = observed_by_agents(env, observations, observe)
-        for layer in layers(told)[::-1][len(layers(env)) :]:
+        for layer in told.layers[::-1][len(env.layers) :]:
             state = layer.observe(state)
         return obs, {key: np.asarray(x) for key, x in state.obs.items()}, active
 

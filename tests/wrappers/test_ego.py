@@ -9,7 +9,6 @@ import pytest
 from helpers.seeds import key, rng
 
 import maax_mjx as maax
-from maax_mjx.wrappers import layers
 from maax_mjx.wrappers.ego import ABSOLUTE, CLIP
 
 N = 64
@@ -79,7 +78,7 @@ def observed(env):
 
     def observe(state):
         state = state.replace(obs=env.base.module_observations(state.world, state.data))
-        for layer in reversed(layers(env)):
+        for layer in reversed(env.layers):
             again = getattr(layer, "observe", None) or getattr(layer, "_observe", None)
             state = state if again is None else again(state)
         return state.obs

@@ -10,7 +10,7 @@ from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.viewer.canvas import Canvas
-from maax_mjx.wrappers.wrapper import Wrapper, layers
+from maax_mjx.wrappers.wrapper import Wrapper
 
 D = TypeVar("D", bound=Callable[..., Any])
 
@@ -114,7 +114,7 @@ def marks_for(env: Environment, senses: Collection[str] = ()) -> list[Mark]:
         ValueError: a sense that no layer has.
     """
     marks, missing = [], set(senses)
-    for i, layer in enumerate(reversed(layers(env))):
+    for i, layer in enumerate(reversed(env.layers)):
         registered = next((_REGISTERED[kind] for kind in type(layer).__mro__ if kind in _REGISTERED), None)
         if registered is None or not (registered.sense is None or registered.sense in senses):
             continue

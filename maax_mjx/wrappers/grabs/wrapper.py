@@ -75,7 +75,7 @@ class GrabObjects(Wrapper):
         self.selective = check_bool("selective", selective)
         self.modules, self.n_grabbable = self._reach.modules, self._reach.n
         self._slots = GrabSlots(self.base.agents, self._reach.modules)
-        self.base.add_module(self._slots)
+        self.base.attach(self._slots)
 
     @property
     def action_space(self) -> spaces.Dict:

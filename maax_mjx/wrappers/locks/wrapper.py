@@ -102,7 +102,7 @@ class LockObjects(Wrapper):
             if shared := {m.name for m in self.modules} & {m.name for m in other.modules}:
                 raise ValueError(f"objects: got {sorted(shared)}, locked by {other.name!r} already; takes others")
         self._slots = LockSlots(f"{self.name}_slots", self.modules, method)
-        self.base.add_module(self._slots)
+        self.base.attach(self._slots)
         self._team = self.inner(TeamMembership).team_index
 
     @property

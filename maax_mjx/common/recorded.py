@@ -1,0 +1,68 @@
+"""Objects that know the arguments they were made with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple, Self
+
+
+class Arguments(NamedTuple):
+    """The arguments of a call.
+
+    Attributes:
+        args: positional arguments.
+        kwargs: arguments by name.
+    """
+
+    args: tuple[Any, ...]
+    kwargs: dict[str, Any]
+
+    def map(self, function: Callable[[Any], Any]) -> Arguments:
+        """Returns the arguments after a function of each."""
+        return Arguments(tuple(map(function, self.args)), {name: function(x) for name, x in self.kwargs.items()})
+
+    def __str__(self) -> str:
+        return ", ".join([*map(short, self.args), *(f"{name}={short(x)}" for name, x in self.kwargs.items())])
+
+
+MADE_WITH = "made_with"
+
+
+class Recorded:
+    """Base class of objects that are told apart, and made again, by the arguments of their construction.
+
+    Attributes:
+        made_with: the arguments.
+    """
+
+    made_with: Arguments
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        new = super().__new__(cls)
+        new.made_with = Arguments(args, kwargs)
+        return new
+
+
+def short(value: Any) -> str:
+    """Returns a text for an argument: functions and classes by their names, long texts cut."""
+    text = getattr(value, "__qualname__", None) or repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def differing(config: Any) -> dict[str, Any]:
+    """Returns the fields of a dataclass that differ from their defaults, by name, inner ones by dotted name."""
+    return _differences(config, type(config)(), "")
+
+
+def _differences(config: Any, default: Any, where: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for f in fields(config):
+        value, usual = getattr(config, f.name), getattr(default, f.name)
+        if value is usual or value == usual:
+            continue
+        if is_dataclass(value) and type(value) is type(usual):
+            found |= _differences(value, usual, f"{where}{f.name}.")
+        else:
+            found[f"{where}{f.name}"] = value
+    return found
