@@ -299,6 +299,7 @@ class Base(Composition, Environment):
             reward=jnp.zeros(self.n_agents),
             terminated=no,
             truncated=no,
+            can_act=world.active[self.agents.kind],
             step=jnp.zeros((), jnp.int32),
             key=state_key,
             metrics={"physics_fault": no, "layout_invalid": ~world.valid, "contact_overflow": no},
@@ -329,6 +330,7 @@ class Base(Composition, Environment):
             reward=jnp.zeros_like(state.reward),
             terminated=jnp.zeros((), bool),
             truncated=fault | (step >= self.horizon),
+            can_act=world.active[self.agents.kind],
             step=step,
             metrics={
                 "physics_fault": fault,

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from maax_mjx.common.checks import check_not_donated, described
+from maax_mjx.common.observed import AGENT
 from maax_mjx.common.params import DomainParams
 from maax_mjx.layout import World
 from maax_mjx.physics import Data
@@ -25,6 +26,8 @@ class State(struct.PyTreeNode):
         reward: (n_agents,) reward of the step that led here.
         terminated: () bool, whether the episode ended by the game's rules.
         truncated: () bool, whether it was cut off by the horizon or a physics fault.
+        can_act: (n_agents,) bool, whether what the agent does in the next step has an effect: it is in play and does
+            not wait for others' preparation.
         step: () int32, env steps since reset.
         key: the world's random key.
         metrics: numbers of this step: "physics_fault", "layout_invalid", "contact_overflow", each () bool,
@@ -39,10 +42,16 @@ class State(struct.PyTreeNode):
     reward: jax.Array
     terminated: jax.Array
     truncated: jax.Array
+    can_act: jax.Array
     step: jax.Array
     key: jax.Array
     metrics: dict[str, jax.Array]
     mechanics: dict[str, Any]
+
+    @property
+    def active(self) -> jax.Array:
+        """Whether the agents are in play: (n_agents,) bool."""
+        return self.world.active[AGENT]
 
     @property
     def done(self) -> jax.Array:

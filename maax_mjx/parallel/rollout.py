@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import plain
 from maax_mjx.parallel.episodes import WorldsState, advance
+from maax_mjx.parallel.policy import Decision, Policy, decide, forgotten
 
-Policy = Callable[..., Any]
-"""`(state, key, *args) -> action` for one world: its `State`, a key for this world and step, and the rollout's further
-arguments, such as a network's parameters, which all worlds share."""
-
-BEFORE = "obs"
-ACTION = "action"
+BEFORE = ("obs", "active", "can_act")
+"""Parts of the state that the policy saw; the others are those after the step."""
+ACTION, EXTRAS = "action", "extras"
 PARTS = (
-    "obs", "action", "reward", "terminated", "truncated", "final_obs", "metrics", "episode_return", "episode_length",
-    "step", "data", "world", "mechanics",
+    *BEFORE, ACTION, EXTRAS, "reward", "terminated", "truncated", "final_obs", "metrics", "episode_return",
+    "episode_length", "step", "data", "world", "mechanics",
 )  # fmt: skip
 
 
@@ -50,30 +46,35 @@ def unroll(
     states: WorldsState,
     key: jax.Array,
     args: tuple[Any, ...],
-) -> tuple[WorldsState, dict[str, Any]]:
+    memory: Any,
+    per_world: tuple[Any, ...],
+) -> tuple[WorldsState, dict[str, Any], Any]:
     """Steps all worlds `n_steps` times.
 
     Returns:
-        The states after the last step, and by the names of `keep` the parts of every step, (n_steps, n, ...) each.
+        The states after the last step; by the names of `keep` the parts of every step, (n_steps, n, ...) each; and the
+        memory after the last step, (n, ...).
     """
     keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
 
-    def act(state: Any, key: jax.Array, t: jax.Array) -> Any:
-        action = policy(state, jax.random.fold_in(key, t), *args)
-        check_action(env.action_space, action, argument="policy's action")
-        return action
+    def act(state: Any, key: jax.Array, memory: Any, own: tuple[Any, ...], t: jax.Array) -> Decision:
+        return decide(policy, env, state, jax.random.fold_in(key, t), memory, (*args, *own))
 
-    def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, dict[str, Any]]:
-        action = jax.vmap(act, in_axes=(0, 0, None))(plain(states), keys, t)
-        after = advance(env, states, action)
-        return after, {name: _part(name, states, action, after) for name in keep}
+    def step(carry: tuple[WorldsState, Any], t: jax.Array) -> tuple[tuple[WorldsState, Any], dict[str, Any]]:
+        states, memory = carry
+        decided = jax.vmap(act, in_axes=(0, 0, 0, 0, None))(plain(states), keys, memory, per_world, t)
+        after = advance(env, states, decided.action)
+        kept = {name: _part(name, states, decided, after) for name in keep}
+        return (after, forgotten(decided.memory, after.done)), kept
 
-    return jax.lax.scan(step, states, jnp.arange(n_steps))
+    (states, memory), kept = jax.lax.scan(step, (states, memory), jnp.arange(n_steps))
+    return states, kept, memory
 
 
-def _part(name: str, before: WorldsState, action: Any, after: WorldsState) -> Any:
+def _part(name: str, before: WorldsState, decided: Decision, after: WorldsState) -> Any:
     first, *rest = name.split(".")
-    value = action if first == ACTION else getattr(before if first == BEFORE else after, first)
+    given = decided if first in (ACTION, EXTRAS) else before if first in BEFORE else after
+    value = getattr(given, first)
     for part in rest:
         value = _inner(value, part, name)
     return value

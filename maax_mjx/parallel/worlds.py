@@ -11,14 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.checks import check_bool, check_count, check_key, check_not_donated, is_traced
+from maax_mjx.common.checks import check_bool, check_count, check_key, check_not_donated, described, is_traced
 from maax_mjx.common.params import DomainParams, check_params
 from maax_mjx.common.runtime import is_out_of_memory, quick_compilation
 from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
-from maax_mjx.parallel.rollout import Policy, check_keep, unroll
+from maax_mjx.parallel.policy import Policy, check_policy
+from maax_mjx.parallel.rollout import check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
 
 ROLLOUTS = 16
@@ -120,38 +121,54 @@ class Worlds:
         *args: Any,
         key: jax.Array | None = None,
         keep: tuple[str, ...] = (),
+        memory: Any = None,
+        per_world: tuple[Any, ...] = (),
     ) -> tuple[WorldsState, dict[str, Any]]:
         """Steps all worlds many times in one compiled program that keeps only the requested parts.
 
         Args:
             states: states from `reset`, `step` or `rollout`; donated.
             policy: `policy(state, key, *args) -> action` for one world: its `State`, a key for this world and step, and
-                `args`. Pass the same function again, or it is compiled again.
+                `args`; with a memory `policy(state, key, memory, *args) -> (action, memory)`. It may also return a dict
+                of arrays, last: `(action, extras)`, `(action, memory, extras)`. Pass the same function again, or it is
+                compiled again.
             n_steps: number of env steps.
             args: further arguments of the policy, such as a network's parameters; arrays, which may change from call to
                 call.
             key: key of the policy's keys; None is `jax.random.key(0)`. Worlds get the same keys on any number of
                 devices.
-            keep: names of what to return for every step: "action", "reward", "terminated", "truncated", "final_obs",
-                "metrics", "data" and others, or a part of one such as "metrics.physics_fault"; "obs" is what the
-                policy saw, everything else is from after the step.
+            keep: names of what to return for every step: "action", "extras", "reward", "terminated", "truncated",
+                "final_obs", "metrics", "data" and others, or a part of one such as "metrics.physics_fault" or
+                "extras.value"; "obs", "active" and "can_act" are what the policy saw, everything else is from after the
+                step.
+            memory: a tree of arrays with the leading axes `shape`: the policy's memory in every world. It is zeroed
+                where an episode ends.
+            per_world: further arguments of the policy, after `args`: trees of arrays with the leading axes `shape`, of
+                which the policy gets the world's own.
 
         Returns:
             The states after the last step, and a dict by the names of `keep`, (n_steps, n_worlds, ...) each, or with
-            pmap (n_steps, n_devices, n_worlds / n_devices, ...).
+            pmap (n_steps, n_devices, n_worlds / n_devices, ...). With a memory also `"memory"`: the one after the last
+            step, to go on with.
 
         Raises:
-            ValueError: an unknown name, states of other worlds, or an action that does not fit.
+            ValueError: an unknown name, states of other worlds, a policy that takes other arguments, or what it gives
+                does not fit.
             RuntimeError: states that were donated to an earlier call.
             MemoryError: more worlds, or more to keep, than fit.
         """
         self._check_states(states)
         n_steps = check_count("n_steps", n_steps, minimum=1)
-        if not callable(policy):
-            raise ValueError(f"policy: got {policy!r}; takes a function of (state, key, *args)")
+        if not isinstance(per_world, tuple):
+            raise ValueError(f"per_world: got {described(per_world)}; takes a tuple of trees of arrays")
+        check_policy(policy, memory is not None, (*args, *per_world))
+        self._check_rows("memory", memory)
+        self._check_rows("per_world", per_world)
         key = jax.random.key(0) if key is None else key
         check_key("key", key)
-        return self._run(self._rollout(policy, n_steps, check_keep(keep)), states, self.shards.share(key), args)
+        program = self._rollout(policy, n_steps, check_keep(keep))
+        states, kept, memory = self._run(program, states, self.shards.share(key), args, memory, per_world)
+        return states, kept if memory is None else kept | {"memory": memory}
 
     def with_params(self, states: WorldsState, params: DomainParams) -> WorldsState:
         """Returns the states with other ranges, which hold from every world's next episode on, without recompilation.
@@ -200,10 +217,10 @@ class Worlds:
         return jax.vmap(self.env.sample_action)(keys)
 
     def _compile_rollout(self, policy: Policy, n_steps: int, keep: tuple[str, ...]) -> Callable:
-        def rollout(index: jax.Array, states: WorldsState, key: jax.Array, args: tuple[Any, ...]) -> Any:
-            return unroll(self.env, policy, n_steps, keep, index, states, key, args)
+        def rollout(index: jax.Array, states: WorldsState, *others: Any) -> Any:
+            return unroll(self.env, policy, n_steps, keep, index, states, *others)
 
-        return self.shards.compile(rollout, (0, None, None), out_axes=(0, 1), donate=self._donate)
+        return self.shards.compile(rollout, (0, None, None, 0, 0), out_axes=(0, 1, 0), donate=self._donate)
 
     def _per_world(self, params: DomainParams) -> DomainParams:
         """Returns a range for every world, in separate memory, since states are donated."""
@@ -216,6 +233,15 @@ class Worlds:
             raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")
         check_not_donated(states.step)
         check_fits(states, self.env.state_shape, leading=len(self.shape))
+
+    def _check_rows(self, name: str, tree: Any) -> None:
+        """Refuses arrays without the batch's leading axes."""
+        for leaf in jax.tree.leaves(tree):
+            if jnp.shape(leaf)[: len(self.shape)] != self.shape:
+                raise ValueError(
+                    f"{name}: got an array of shape {jnp.shape(leaf)}; takes the leading axes {self.shape}, a row for "
+                    "every world"
+                )
 
     def _run(self, program: Callable, *args: Any) -> Any:
         """Runs a compiled program; its first run is waited for, since accelerators report a lack of memory late."""

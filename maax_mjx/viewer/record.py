@@ -8,7 +8,7 @@ import jax
 
 from maax_mjx.common.checks import check_count, check_key
 from maax_mjx.parallel import Worlds, WorldsState
-from maax_mjx.parallel.rollout import Policy
+from maax_mjx.parallel.policy import Policy
 from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, select_worlds
 
 FPS = 30
@@ -23,6 +23,8 @@ def record(
     show: Picked = None,
     every: int | None = None,
     key: jax.Array | None = None,
+    memory: Any = None,
+    per_world: tuple[Any, ...] = (),
 ) -> tuple[WorldsState, Recording]:
     """Steps all worlds as `Worlds.rollout` does, and keeps what pictures need of a few.
 
@@ -38,6 +40,7 @@ def record(
         show: which worlds to keep: an index or several; None is the first.
         every: env steps from frame to frame; None makes 30 frames a second.
         key: where the policy's keys follow from; None is `jax.random.key(0)`.
+        memory, per_world: see `Worlds.rollout`.
 
     Returns:
         The states after the last step, and the recording, whose first frame is that of `states`.
@@ -56,6 +59,8 @@ def record(
     check_key("key", key)
     frames = [select_worlds(states, show)]
     for i in range(-(-n_steps // every)):
-        states, _ = worlds.rollout(states, policy, every, *args, key=jax.random.fold_in(key, i))
+        now = jax.random.fold_in(key, i)
+        states, kept = worlds.rollout(states, policy, every, *args, key=now, memory=memory, per_world=per_world)
+        memory = kept.get("memory")
         frames.append(select_worlds(states, show))
     return states, Recording.of(frames)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from maax_mjx.common.arrays import shown
 from maax_mjx.common.checks import check_choice
-from maax_mjx.common.observed import AGENT, Column, Observed
+from maax_mjx.common.observed import AGENT, Column, Observed, flag
 from maax_mjx.core.describe import Description
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -54,7 +54,8 @@ class MaskObservations(ObservationWrapper):
 class FlattenObservations(ObservationWrapper):
     """Concatenates all observations, sorted by name, into one vector per agent: `obs` (n_agents, d) float32.
 
-    What an agent does not see, by the declared masks, is zero. With `CriticObservations` inside it adds `critic`
+    What an agent does not see, by the declared masks, is zero, and so is its place in `obs_mask` (n_agents, d) bool;
+    `env.observed["obs"].names()` are the names of the columns. With `CriticObservations` inside it adds `critic`
     (n_agents, d + k): the same numbers without these masks (for a team's critic: with the masks of what its team
     sees), followed by the observations for critics only.
 
@@ -86,16 +87,24 @@ class FlattenObservations(ObservationWrapper):
         self._critic = None if critic is None else critic.of
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        obs = {"obs": _flat(_masked(state.obs, self._seen), self._policys)}
+        obs = {"obs": _flat(_masked(state.obs, self._seen), self._policys), "obs_mask": self._mask(state)}
         if self._critic is not None:
             team = {name: f"team_{mask}" for name, mask in self._seen.items()} if self._critic == "team" else {}
             whole = _flat(_masked(state.obs, team), self._policys)
             obs["critic"] = jnp.concatenate([whole, _flat(state.obs, self._critics)], axis=1)
         return obs
 
+    def _mask(self, state: State) -> jax.Array:
+        """Returns which numbers of the vectors are seen by an agent in play: (n_agents, d) bool."""
+        ones = {name: jnp.ones(self._shapes[name], bool) for name in self._policys}
+        ones = {name: shown(x, self.playing(state)) for name, x in ones.items()}
+        masks = {name: state.obs[mask] > 0 for name, mask in self._seen.items()}
+        parts = [shown(x, masks[name]) if name in masks else x for name, x in ones.items()]
+        return jnp.concatenate([x.reshape(len(x), -1) for x in parts], axis=1)
+
     def declared(self) -> dict[str, Observed]:
         columns = self._columns(self._policys)
-        table = {"obs": Observed((AGENT,), columns)}
+        table = {"obs": Observed((AGENT,), columns), "obs_mask": Observed((AGENT,), flag(*(c.name for c in columns)))}
         if self._critic is not None:
             table["critic"] = Observed((AGENT,), columns + self._columns(self._critics), critic=True)
         return table

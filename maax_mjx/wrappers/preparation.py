@@ -22,8 +22,9 @@ from maax_mjx.wrappers.wrapper import Wrapper
 class PreparationPhase(Wrapper):
     """Stops seekers and rewards for the first `ceil(prep_fraction * horizon)` steps (thesis 5.2.1).
 
-    All actions of the seekers are zeroed: movement and every other action, whose first axis is the agents'. Adds the
-    observation `prep_remaining` (n_agents, 1): share of the phase that is left, from 1 down to 0.
+    All actions of the seekers are zeroed: movement and every other action, whose first axis is the agents'; in
+    `state.can_act` they are False. Adds the observation `prep_remaining` (n_agents, 1): share of the phase that is
+    left, from 1 down to 0.
 
     Args:
         env: environment to wrap.
@@ -79,9 +80,10 @@ class PreparationPhase(Wrapper):
     def _observe(self, state: State) -> State:
         left = jnp.maximum(1 - state.step / max(self.n_steps, 1), 0.0) if self.n_steps else jnp.zeros(())
         remaining = jnp.full((self.base.n_agents, 1), left, jnp.float32)
+        waiting = (state.step < self.n_steps) & self.seekers
         for sense in self._senses:
-            state = sense.blind(state, (state.step < self.n_steps) & self.seekers)
-        return state.replace(obs=state.obs | {"prep_remaining": remaining})
+            state = sense.blind(state, waiting)
+        return state.replace(obs=state.obs | {"prep_remaining": remaining}, can_act=state.can_act & ~waiting)
 
     def declared(self) -> dict[str, Observed]:
         return self.env.declared() | {"prep_remaining": Observed((AGENT,), flag("preparation left"))}

@@ -110,7 +110,7 @@ class Wrapper(Environment):
 
     def playing(self, state: State) -> jax.Array:
         """Returns which agents are in play: (n_agents,) bool."""
-        return state.world.active[self.base.agents.kind]
+        return state.active
 
     @property
     def senses(self) -> tuple[str, ...]:

@@ -90,7 +90,10 @@ def test_arguments_may_change_without_compiling(worlds, start, rolled, caplog):
 
 
 MISTAKES = {
-    "unknown": (dict(keep=("rewards",)), "keep: got 'rewards'; takes names that begin with one of obs, action, reward"),
+    "unknown": (
+        dict(keep=("rewards",)),
+        "keep: got 'rewards'; takes names that begin with one of obs, active, can_act, action, extras, reward",
+    ),
     "text": (dict(keep="reward"), "keep: got 'reward'; takes a tuple"),
     "inner": (
         dict(keep=("obs.nothing",)),

@@ -660,20 +660,26 @@ def test_split_observations(name, told):
 def test_flat_observations(name, told):
     """All by name in one vector; what is not seen is zero, where there is vision. A critic sees the same unhidden."""
     obs, got, _ = told(name, "flat", observe="all")
-    vectors, whole, hidden = [], [], 0
+    vectors, masks, whole, hidden = [], [], [], 0
     for mine in split_oracle(name, obs):
         whole.append(np.concatenate([np.float32(mine[key]).ravel() for key in sorted(mine)]))
         seen = {"box_obs": "sees_box", "ramp_obs": "sees_ramp"}
         seen |= dict.fromkeys(("agent_qpos_qvel", "agent_team"), "sees_agent")
+        shows = {key: np.ones(np.shape(x), bool) for key, x in mine.items()}
         for key, mask in seen.items():
             if mask in mine:
+                shows[key] = np.stack([x & shown for x, shown in zip(shows[key], mine[mask], strict=True)])
                 mine[key] = np.stack([x if shown else 0 * x for x, shown in zip(mine[key], mine[mask], strict=True)])
                 hidden += (~mine[mask]).sum()
         vectors.append(np.concatenate([np.float32(mine[key]).ravel() for key in sorted(mine)]))
+        masks.append(np.concatenate([shows[key].ravel() for key in sorted(mine)]))
     equal(got["obs"], vectors)
+    playing = np.asarray(got["obs_mask"]).any(axis=1)
+    assert playing.any()
+    equal(np.asarray(got["obs_mask"])[playing], np.array(masks)[playing])
     assert (hidden > 0) == (name in OPENAI)
     equal(got["critic"][:, : len(whole[0])], whole)
-    assert set(got) == {"obs", "critic"}
+    assert set(got) == {"obs", "obs_mask", "critic"}
 
 
 def test_raw_observations_are_left():

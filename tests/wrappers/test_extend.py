@@ -138,9 +138,7 @@ def test_what_cannot_be_put_in_is_refused(given, says):
 
 def test_a_module_after_wrappers_is_refused_with_what_to_do():
     env = maax.make("hide_and_seek", impl="c")
-    with pytest.raises(
-        ValueError, match=r"module: got Post\(\) .*LockObjects.* wraps; .*make\(name, modules"
-    ):
+    with pytest.raises(ValueError, match=r"module: got Post\(\) .*LockObjects.* wraps; .*make\(name, modules"):
         env.base.add_module(Post())
 
 
@@ -148,9 +146,7 @@ def test_two_layers_of_a_class_are_told_apart_by_name():
     env = maax.TeamMembership(maax.make("standard", impl="c"))
     env = maax.LockObjects(env, objects=("box",))
     env = maax.LockObjects(env, objects=("ramp",), action_name="lock_ramp")
-    with pytest.raises(
-        ValueError, match=r"inside: got 'LockObjects', .* are 2; takes one of \['lock_ramps'"
-    ):
+    with pytest.raises(ValueError, match=r"inside: got 'LockObjects', .* are 2; takes one of \['lock_ramps'"):
         maax.extended(env, inside={"LockObjects": maax.LineOfSight})
     assert names(maax.extended(env, inside={"lock_ramps": maax.LineOfSight}))[1:3] == ["LockObjects", "LineOfSight"]
 
