@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 from weakref import WeakSet
 
@@ -94,6 +95,8 @@ class Composition:
         if module._owner not in (None, self):
             raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
         check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, self.floor_range.low)
+        for other in self._modules.values():
+            _check_names(module, _declared(module), other, _declared(other))
         module._owner = self
         self._modules[module.name] = module
         self._build = object()
@@ -242,13 +245,10 @@ class Composition:
         Raises:
             ValueError: two modules observe the same name.
         """
-        obs: dict[str, jax.Array] = {}
-        for module in self._modules.values():
-            new = module.observation_step(world, data)
-            if twice := sorted(set(new) & set(obs)):
-                raise ValueError(f"module: {module.name!r} observes {twice[0]!r}, as another does; takes another name")
-            obs |= new
-        return obs
+        parts = [(module, module.observation_step(world, data)) for module in self._modules.values()]
+        for (module, new), (other, old) in combinations(reversed(parts), 2):
+            _check_names(module, new, other, old)
+        return {name: x for _, part in parts for name, x in part.items()}
 
     @property
     def is_limited(self) -> bool:
@@ -259,3 +259,20 @@ class Composition:
     def _limits(self) -> ArenaLimits | None:
         limited = any(module.limits_arena for module in self._modules.values())
         return ArenaLimits(self.movables, self.world_params.timestep) if limited else None
+
+
+def _check_names(module: Module, names: Collection[str], other: Module, others: Collection[str]) -> None:
+    """Refuses observations of one name by two modules."""
+    if twice := sorted(set(names) & set(others)):
+        raise ValueError(
+            f"module: {type(module).__name__} {module.name!r} observes {twice[0]!r}, as {type(other).__name__} "
+            f"{other.name!r} does; takes another name"
+        )
+
+
+def _declared(module: Module) -> Collection[str]:
+    """Returns the declared names; none of a module that needs the model for them, which the first reset checks."""
+    try:
+        return module.declared()
+    except RuntimeError:
+        return ()

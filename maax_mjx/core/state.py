@@ -6,9 +6,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 
-from maax_mjx.common.checks import check_not_donated, described
+from maax_mjx.common.checks import check_not_donated, described, is_traced
 from maax_mjx.common.observed import AGENT
 from maax_mjx.common.params import DomainParams
 from maax_mjx.layout import World
@@ -48,6 +49,9 @@ class State(struct.PyTreeNode):
     metrics: dict[str, jax.Array]
     mechanics: dict[str, Any]
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {', '.join(summary(self))}>"
+
     @property
     def active(self) -> jax.Array:
         """Whether the agents are in play: (n_agents,) bool."""
@@ -57,6 +61,17 @@ class State(struct.PyTreeNode):
     def done(self) -> jax.Array:
         """Whether the episode is terminated or truncated: () bool."""
         return self.terminated | self.truncated
+
+
+def summary(state: State) -> list[str]:
+    """Returns parts of a text about states: how many worlds, agents, their steps, what is observed and kept."""
+    n_agents, lead = np.shape(state.reward)[-1:], np.shape(state.step)
+    parts = [" x ".join(map(str, lead)) + " worlds"] if lead else []
+    parts += [f"{n_agents[0]} agents"] if n_agents else []
+    if not lead and isinstance(state.step, jax.Array | np.ndarray) and not is_traced(state.step):
+        parts.append(f"step {int(state.step)}")
+    names = {"obs": state.obs, "mechanics": state.mechanics}
+    return parts + [f"{what} {' '.join(sorted(found))}" for what, found in names.items() if found]
 
 
 FIELDS = tuple(State.__dataclass_fields__)

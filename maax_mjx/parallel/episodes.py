@@ -11,7 +11,7 @@ from flax import struct
 
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
-from maax_mjx.core.state import FIELDS, State, plain
+from maax_mjx.core.state import FIELDS, State, plain, summary
 
 LEAST_CHUNK, CHUNKS = 64, 16
 """Worlds per chunk in which next episodes are drawn: at least 64, and a sixteenth of the batch."""
@@ -51,6 +51,9 @@ class WorldsState(State):
     counts: dict[str, jax.Array]
     seed: jax.Array
     upcoming: Upcoming
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {', '.join(summary(self))}>"
 
     def totals(self) -> dict[str, int]:
         """Sums `counts` over all worlds, on the host."""

@@ -77,6 +77,11 @@ class Worlds:
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
         self._ran: WeakSet[Callable] = WeakSet()
 
+    def __repr__(self) -> str:
+        devices = self.shards.devices
+        on = f"{len(devices)} {devices[0].device_kind}" if len(devices) > 1 else str(devices[0])
+        return f"<Worlds: {self.n_worlds} on {on} ({self.shards.method}) of {self.env!r}>"
+
     def reset(self, key: jax.Array, params: DomainParams | None = None, *, stagger: bool = False) -> WorldsState:
         """Draws all worlds.
 

@@ -30,6 +30,10 @@ class Recording(struct.PyTreeNode):
     states: State
     episode_return: Any
 
+    def __repr__(self) -> str:
+        n_frames, n_worlds = np.shape(self.states.step)
+        return f"<Recording: {n_frames} frames of {n_worlds} worlds>"
+
     @classmethod
     def of(cls, frames: Sequence[tuple[State, Any]]) -> Recording:
         """The recording of what `select_worlds` gives of every frame."""

@@ -189,8 +189,15 @@ def test_two_modules_that_observe_one_name_are_refused():
 
     env = maax.make("standard", impl="c")
     env.add_module(Again())
-    with pytest.raises(ValueError, match="'again' observes 'agent_pos', as another does"):
+    with pytest.raises(ValueError, match="Again 'again' observes 'agent_pos', as Agents 'agent' does; takes another"):
         env.reset(key(0))
+
+    class Declared(Again):
+        def declared(self):
+            return {"agent_pos": Observed((), (Column("x"), Column("y")))}
+
+    with pytest.raises(ValueError, match="Declared 'again' observes 'agent_pos', as Agents 'agent' does"):
+        maax.make("standard", impl="c").add_module(Declared())
 
 
 # --- what is chosen, joined, padded ----------------------------------------------------------------------------------

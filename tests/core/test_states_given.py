@@ -44,7 +44,7 @@ def test_states_of_another_game_are_refused(tag, state, other_state):
         with pytest.raises(ValueError, match=r"states of another environment: state\.mechanics\.\S+ has nothing"):
             step(other_state, action)
     worlds = maax.Worlds(tag, 2)
-    states = jax.eval_shape(worlds.reset, seeds.key(0))
+    states = worlds.states_shape
     with pytest.raises(ValueError, match=r"states of another environment: state\.mechanics\.\S+ has nothing"):
         worlds.step(states.replace(mechanics={}), worlds.sample_action(seeds.key(1)))
 
