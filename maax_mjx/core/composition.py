@@ -13,6 +13,7 @@ from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
 from maax_mjx.core.arena_limits import ArenaLimits
 from maax_mjx.core.capacity import check_module, contact_capacity
+from maax_mjx.core.hooks import checked_observations
 from maax_mjx.layout import World
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.from_model import from_model
@@ -220,7 +221,7 @@ class Composition:
         """
         obs: dict[str, jax.Array] = {}
         for module in self._modules.values():
-            new = module.observation_step(world, data)
+            new = checked_observations(module, world, data)
             if twice := sorted(set(new) & set(obs)):
                 raise ValueError(f"module: {module.name!r} observes {twice[0]!r}, as another does; takes another name")
             obs |= new
