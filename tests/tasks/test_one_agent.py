@@ -56,4 +56,5 @@ def test_games_of_one_keep_the_contract(observations, observe):
 
 @pytest.mark.slow
 def test_tag_alone_keeps_the_contract():
-    maax.testing.check_env(maax.make("tag", impl="c", **{"teams.players": 1}), n_worlds=2, n_steps=2, seed=seeds.seed(0))
+    env = maax.make("tag", impl="c", **{"teams.players": 1})
+    maax.testing.check_env(env, n_worlds=2, n_steps=2, seed=seeds.seed(0))
