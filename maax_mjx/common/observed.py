@@ -5,6 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
+from typing import Any
+
+import jax
+import numpy as np
+
+from maax_mjx.common.checks import described
 
 AGENT = "agent"
 """Name of the axis of agents."""
@@ -126,6 +132,29 @@ def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
         return replace(one, present=one.present or present, seen=one.seen or seen)
 
     return {name: masks(name, one) for name, one in table.items()}
+
+
+def check_arrays(obs: Any, hook: str, who: str) -> dict[str, jax.Array]:
+    """Returns observations, after checking that they are arrays by name.
+
+    Args:
+        obs: what a hook returned.
+        hook: the hook's name, for the message.
+        who: class that it belongs to.
+
+    Raises:
+        ValueError: something else than a dict, a name that is no text, or something that is no array.
+    """
+    if not isinstance(obs, Mapping):
+        raise ValueError(f'{hook}: {who} returned {described(obs)}; takes a dict of arrays by name, {{"name": array}}')
+    for name, array in obs.items():
+        if not isinstance(name, str):
+            raise ValueError(f"{hook}: {who} returned an array under {described(name)}; takes names as text")
+        if not isinstance(array, jax.Array | np.ndarray):
+            raise ValueError(
+                f"{hook}: {who} returned {described(array)} as {name!r}; takes an array, such as jnp.asarray(...)"
+            )
+    return dict(obs)
 
 
 def check_shapes(table: Mapping[str, Observed], shapes: Mapping[str, tuple[int, ...]], who: str) -> None:

@@ -14,11 +14,14 @@ from maax_mjx.common.checks import is_traced
 
 
 def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
-    """Returns the space of a dict of arrays or shapes: MultiBinary for bool, else an unbounded Box."""
+    """Returns the space of a dict of arrays or shapes: MultiBinary for bool, else an unbounded Box.
+
+    Empty arrays of bool, such as those about the others of a single agent, have a Box, since MultiBinary takes none.
+    """
 
     def one(x: Any) -> spaces.Space:
         if x.dtype == bool:
-            return spaces.MultiBinary(x.shape)
+            return spaces.MultiBinary(x.shape) if 0 not in x.shape else spaces.Box(0, 1, x.shape, np.bool_)
         return spaces.Box(-np.inf, np.inf, x.shape, np.dtype(x.dtype))
 
     return spaces.Dict({name: one(x) for name, x in sorted(tree.items())})

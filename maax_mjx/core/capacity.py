@@ -34,6 +34,10 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
     Raises:
         ValueError: a module that does not fit; the message names the argument.
     """
+    name = getattr(module, "name", None)
+    if not isinstance(name, str) or not name:
+        mine = type(module).__name__
+        raise ValueError(f"name: {mine} has {name!r}; takes a text of its own, in the class: name = {mine.lower()!r}")
     if module.name in [m.name for m in before]:
         raise ValueError(f"module: got a second {module.name!r}; takes one of each, by name")
     if isinstance(module, Agents) and module.n_max != n_agents:

@@ -16,6 +16,7 @@ from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
 from maax_mjx.core.arena_limits import ArenaLimits
 from maax_mjx.core.capacity import check_module, contact_capacity
+from maax_mjx.core.hooks import checked_observations
 from maax_mjx.layout import World
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.from_model import from_model
@@ -245,7 +246,7 @@ class Composition:
         Raises:
             ValueError: two modules observe the same name.
         """
-        parts = [(module, module.observation_step(world, data)) for module in self._modules.values()]
+        parts = [(module, checked_observations(module, world, data)) for module in self._modules.values()]
         for (module, new), (other, old) in combinations(reversed(parts), 2):
             _check_names(module, new, other, old)
         return {name: x for _, part in parts for name, x in part.items()}

@@ -9,6 +9,7 @@ from maax_mjx.common.checks import is_traced
 from maax_mjx.common.keys import named_keys
 from maax_mjx.common.params import DomainParams, params_in_bounds
 from maax_mjx.core.composition import Composition
+from maax_mjx.core.hooks import checked_layout
 from maax_mjx.layout import Layout
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.physics import model_fields
@@ -25,7 +26,7 @@ def draw_layout(env: Composition, key: jax.Array, params: DomainParams) -> Layou
     def draw(attempt: jax.Array) -> Layout:
         layout = _empty_layout(env, attempt, floor_size)
         for module, own_key in zip(env.modules.values(), named_keys(key, env.modules), strict=True):
-            layout = module.layout_step(own_key, layout, params)
+            layout = checked_layout(module, own_key, layout, params, env.model)
         return layout
 
     layout = redraw(draw, LAYOUT_TRIES)

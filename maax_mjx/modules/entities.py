@@ -15,6 +15,7 @@ from maax_mjx.common.observed import POSITION, ROTATION, SPIN, SPINS, TURN, VELO
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.from_model import from_model
+from maax_mjx.modules.made import check_made
 from maax_mjx.modules.placed import Placed, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
@@ -71,7 +72,11 @@ class Entities(Placed):
         self.per_object = per_object
 
     def make(self, name: str) -> Obj:
-        """Returns a new object of this kind for the object tree."""
+        """Returns a new object of this kind for the object tree.
+
+        It is one body of this name, with a geom of this name and the joints `<name>:x`, `:y`, `:z` and `:yaw`; with
+        `free`, the joint `<name>:free`.
+        """
         raise NotImplementedError
 
     @property
@@ -93,6 +98,11 @@ class Entities(Placed):
         varies = self.friction is not None and self.friction.varies
         return {"geom_friction": self.all_geom_ids} if varies else {}
 
+    def check(self, grid_size: int, floor_size: float) -> None:
+        super().check(grid_size, floor_size)
+        if self.n_max:
+            check_made(self.make(self.names[0]), self.names[0], type(self).__name__, free=self.free)
+
     @property
     def contact_points(self) -> float:
         return self.contacts_each * self.n_max
@@ -112,17 +122,8 @@ class Entities(Placed):
 
     @from_model
     def body_ids(self) -> np.ndarray:
-        """Body ids (n_max,).
-
-        Raises:
-            ValueError: `make` returned nested bodies.
-        """
-        ids = np.array([self.model.body(name).id for name in self.names], int)
-        nested = np.isin(self.model.body_parentid, ids)
-        if nested.any():
-            inner = self.model.body(nested.argmax()).name
-            raise ValueError(f"make: {inner!r} is a body inside an entity; takes a single body")
-        return ids
+        """Body ids (n_max,)."""
+        return np.array([self.model.body(name).id for name in self.names], int)
 
     @from_model
     def geom_ids(self) -> np.ndarray:

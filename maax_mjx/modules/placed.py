@@ -66,8 +66,12 @@ class Placed(Module):
         random_yaw: bool = False,
         minimum: int = 0,
     ):
-        if self.kind in RESERVED:
-            raise ValueError(f"kind: got {self.kind!r}; takes another than {list(RESERVED)}, which name other axes")
+        kind = getattr(self, "kind", None)
+        if not isinstance(kind, str) or not kind or kind in RESERVED:
+            raise ValueError(
+                f"kind: {type(self).__name__} has {kind!r}; takes a text such as 'table', in the class: what one of "
+                f"its objects is called; {list(RESERVED)} name other axes"
+            )
         self.name = self.kind
         self.count_name = self.count_name or f"n_{self.kind}s"
         self.count = check_count_range(self.count_name, count, minimum)

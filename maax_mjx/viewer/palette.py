@@ -8,7 +8,6 @@ from maax_mjx.common.colours import Colour, colour
 
 DOOR = colour("#009e73")
 IT = colour("#f0e442")
-FLOOR = colour("#f4f3ee")
 GRID = colour("#dedcd3")
 HIGH_WALL, WALL = colour("#6b7078"), colour("#a9adb3")
 DARK = colour("#333333")

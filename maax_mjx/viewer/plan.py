@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.viewer.palette import DARK, FLOOR
+from maax_mjx.viewer.palette import DARK
 from maax_mjx.viewer.scene import Frame, Label, Line, Part, furthest, grid_of
 from maax_mjx.viewer.stage import Stage
 
@@ -57,7 +57,7 @@ def draw_frame(ax: Axes, stage: Stage, frame: Frame, title: str = "") -> None:
     ax.set_ylim(0, edge)
     ax.set_xticks([])
     ax.set_yticks([])
-    ax.add_patch(Rectangle((0, 0), edge, edge, color=FLOOR, zorder=0))
+    ax.add_patch(Rectangle((0, 0), edge, edge, color=frame.floor, zorder=0))
     # Eyes and names are too small for a plan, and a lock is drawn where its label is.
     for part in frame.parts:
         if part.role not in ("eye", "lock"):

@@ -12,12 +12,13 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.checks import check_bool, check_count, check_path, check_positive
+from maax_mjx.common.colours import Colour
 from maax_mjx.core.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.camera import FOVY, Camera, place_camera
 from maax_mjx.viewer.film import Picked, film, paced
-from maax_mjx.viewer.palette import DARK, FLOOR, GRID, as_bytes
+from maax_mjx.viewer.palette import DARK, GRID, as_bytes
 from maax_mjx.viewer.scene import Frame, Label, Line, Part, Shape, grid_lines, offsets, outline
 from maax_mjx.viewer.stage import Stage
 
@@ -196,7 +197,7 @@ class _Page:
     def show(self, w: int, frame: Frame, offset: np.ndarray) -> None:
         """Adds a world to a frame."""
         world = f"/world{w}"
-        self._show_floor(world, frame.floor_size, offset)
+        self._show_floor(world, frame.floor_size, frame.floor, offset)
         for part in frame.parts:
             self._show_part(world, part, offset)
         for line in frame.lines:
@@ -208,12 +209,12 @@ class _Page:
         words = Label("words", "label", "\n".join(frame.text), above, DARK)
         self._show_label(world, words, offset, 0.036 * frame.floor_size, "bottom-left")
 
-    def _show_floor(self, world: str, edge: float, offset: np.ndarray) -> None:
+    def _show_floor(self, world: str, edge: float, colour: Colour, offset: np.ndarray) -> None:
         half, depth = edge / 2, 0.05
         self._place(
             (world, "floor", edge),
             lambda name: self._scene.add_box(
-                name, color=as_bytes(FLOOR), dimensions=(edge, edge, depth), cast_shadow=False
+                name, color=as_bytes(colour), dimensions=(edge, edge, depth), cast_shadow=False
             ),
             np.array([half, half, -depth / 2]) + offset,
         )

@@ -25,12 +25,14 @@ class Shape:
         size: metres, but for the angle.
         rgba: its colour.
         mesh: of a mesh, its number in the model.
+        material: number in the model of its textured material, of which `rgba` is the mean; -1 without a texture.
     """
 
     kind: str
     size: tuple[float, ...]
     rgba: Colour
     mesh: int = -1
+    material: int = -1
 
 
 class Part(NamedTuple):
@@ -94,6 +96,7 @@ class Frame(NamedTuple):
 
     Attributes:
         floor_size: edge of the floor in metres.
+        floor: the floor's colour.
         parts: all solids but the floor.
         lines: all lines.
         labels: all texts in the world.
@@ -101,6 +104,7 @@ class Frame(NamedTuple):
     """
 
     floor_size: float
+    floor: Colour
     parts: list[Part]
     lines: list[Line]
     labels: list[Label]

@@ -13,7 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 from maax_mjx.common.colours import Colour
 from maax_mjx.viewer.camera import FOVY, place_camera
 from maax_mjx.viewer.gl import open_context
-from maax_mjx.viewer.palette import DARK, EYE, FLOOR, GRID, SKY, as_bytes, blend
+from maax_mjx.viewer.materials import RGB, Paint
+from maax_mjx.viewer.palette import DARK, EYE, GRID, SKY, as_bytes, blend
 from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline, up
 from maax_mjx.viewer.stage import Stage
 
@@ -54,6 +55,7 @@ class Solid:
         self, stage: Stage, n: int, edge: float, size: tuple[int, int], camera: str | Mapping[str, Any] = "default"
     ):
         self._size, self._edge = size, edge
+        self._materials = stage.subject.materials
         self._offsets = offsets(n, edge)
         extent = self._offsets.max(axis=0)[:2] + edge
         self._camera = place_camera(camera, extent, size, WORDS * edge if n > 1 else 0.0)
@@ -122,7 +124,7 @@ class Solid:
 
     def _add_world(self, frame: Frame, offset: np.ndarray) -> None:
         edge = frame.floor_size / 2
-        floor = Shape("box", (edge, edge, FLOOR_DEPTH / 2), FLOOR)
+        floor = Shape("box", (edge, edge, FLOOR_DEPTH / 2), frame.floor)
         self._add_part(Part("floor", "floor", floor, np.array([edge, edge, -FLOOR_DEPTH / 2]), UPRIGHT), offset)
         for (x0, y0), (x1, y1) in grid_lines(frame.floor_size):
             half = ((x1 - x0) / 2 + GRID_WIDTH, (y1 - y0) / 2 + GRID_WIDTH, GRID_HEIGHT / 2)
@@ -147,6 +149,14 @@ class Solid:
         geom.dataid = 2 * shape.mesh if shape.kind == "mesh" else -1
         # What lies on the ground would only cast specks on itself.
         geom.castshadow = part.role not in ("floor", "door", "cone")
+        if shape.material >= 0:
+            self._texture(geom, shape)
+
+    def _texture(self, geom: Any, shape: Shape) -> None:
+        model, material = self._model, shape.material
+        geom.matid, geom.texid = material, model.mat_texid[material, RGB]
+        geom.texrepeat, geom.texuniform = model.mat_texrepeat[material], model.mat_texuniform[material]
+        geom.rgba = self._materials.tint(Paint(shape.rgba, material))
 
     def _add_bar(self, ends: np.ndarray, radius: float, rgba: Colour) -> None:
         way = ends[1] - ends[0]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from maax_mjx.common.checks import check_bool
-from maax_mjx.common.colours import Colour
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.modules import Entities
+from maax_mjx.modules import WallScenarios
 from maax_mjx.viewer.canvas import Canvas, Marked
 from maax_mjx.viewer.marks import draw_agents, draw_slopes, marks_for
+from maax_mjx.viewer.materials import Paint
 from maax_mjx.viewer.palette import DOOR, HIGH_WALL, WALL
 from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape
 from maax_mjx.viewer.subject import Subject
@@ -54,11 +56,11 @@ class Stage:
         asked = {"vision": check_bool("vision", vision), "lidar": check_bool("lidar", lidar)}
         self._marks = marks_for(env, [sense for sense, wanted in asked.items() if wanted])
         self._slot_of = {
-            int(geom): (module, int(slot))
-            for module in self._base.modules.values()
-            if isinstance(module, Entities) and module.n_max
-            for geom, slot in zip(module.all_geom_ids, module.slot_of_geom, strict=True)
+            int(body): (module, slot) for module in self._base.movables for slot, body in enumerate(module.body_ids)
         }
+        walls = [module for module in self._base.modules.values() if isinstance(module, WallScenarios)]
+        self._walls = {int(geom) for module in walls for geom in module.geom_ids}
+        self._floor = self.subject.materials.of_geom(int(self._base.floor_id[0])).rgba
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -85,9 +87,10 @@ class Stage:
         plan, marked = state.world.plan, self._marked(state)
         sizes = self._sizes(state)
         solids = [part for geom in range(self.model.ngeom) for part in self._solid(state, marked, geom, sizes[geom])]
-        parts = [*self._doors(plan), *solids, *self._sites(state, marked), *marked.parts]
+        sites = [*self._sites(state, marked), *self._sites_of_bodies(state)]
+        parts = [*self._doors(plan), *solids, *sites, *marked.parts]
         text = [*self._text(state, marked, returns), *marked.words]
-        return Frame(float(plan.floor_size), parts, marked.lines, marked.labels, text)
+        return Frame(float(plan.floor_size), self._floor, parts, marked.lines, marked.labels, text)
 
     def _marked(self, state: State) -> Marked:
         """Marks of the agents, the ramps and the mechanics."""
@@ -99,31 +102,39 @@ class Stage:
         return marked
 
     def _solid(self, state: State, marked: Marked, geom: int, size: np.ndarray) -> list[Part]:
+        """A geom, unless this world does not have it."""
         kind, n_size = KINDS.get(mujoco.mjtGeom(self.model.geom_type[geom]), ("", 0))
         position = np.asarray(state.data.geom_xpos[geom], float)
-        if not kind or position[2] < GONE:
+        paint, body = self.subject.materials.of_geom(geom), int(self.model.geom_bodyid[geom])
+        if not kind or not self._is_seen(state, body, position, paint):
             return []
         name = self.model.geom(geom).name or f"geom{geom}"
         rotation = np.asarray(state.data.geom_xmat[geom], float).reshape(3, 3)
-        rgba: Colour = tuple(self.model.geom_rgba[geom].tolist())
         role = "object"
-        if geom in self._slot_of:
-            module, slot = self._slot_of[geom]
-            if not state.world.active[module.kind][slot]:
-                return []
+        if body in self._slot_of:
+            module, slot = self._slot_of[body]
             if module is self._agents:
-                role, rgba = "agent" if geom == module.geom_ids[slot] else "hand", self.subject.colours[slot]
-            rgba = marked.tinted(module.kind, slot, rgba)
-        elif kind == "box":
-            role, rgba = "wall", WALL
+                role = "agent" if geom == module.geom_ids[slot] else "hand"
+                paint = Paint(self.subject.colours[slot])
+            paint = paint._replace(rgba=marked.tinted(module.kind, slot, paint.rgba))
+        elif geom in self._walls:
+            role, paint = "wall", Paint(WALL)
             if position[2] + size[2] > 2 * CUT:
-                role, rgba = "high_wall", HIGH_WALL
+                role, paint = "high_wall", Paint(HIGH_WALL)
                 position, size = np.append(position[:2], CUT / 2), np.append(size[:2], CUT / 2)
         mesh = int(self.model.geom_dataid[geom]) if kind == "mesh" else -1
-        shape = Shape(kind, tuple(round(s, 4) for s in size[:n_size].tolist()), rgba, mesh)
+        shape = Shape(kind, _rounded(size[:n_size]), paint.rgba, mesh, paint.material)
         # A hand that holds something is where its mark says.
         instead = marked.replaced.get(name)
         return [instead._replace(role=role) if instead else Part(name, role, shape, position, rotation)]
+
+    def _is_seen(self, state: State, body: int, position: np.ndarray, paint: Paint) -> bool:
+        """Whether this world has a geom or site, and it is not wholly transparent."""
+        if body in self._slot_of:
+            module, slot = self._slot_of[body]
+            if not state.world.active[module.kind][slot]:
+                return False
+        return bool(position[2] >= GONE and paint.rgba[3] > 0)
 
     def _sizes(self, state: State) -> np.ndarray:
         """(n_geoms, 3) of this world."""
@@ -154,9 +165,25 @@ class Stage:
                 size = (half[0], half[2]) if flat else (half[0],) if module.is_round else tuple(half)
                 rgba = marked.tinted(kind, int(slot), module.rgba)
                 form = "cylinder" if flat else "sphere" if module.is_round else "box"
-                shape = Shape(form, tuple(round(float(s), 4) for s in size), rgba)
+                shape = Shape(form, _rounded(size), rgba)
                 position = np.asarray(state.world.sites[kind][slot], float)
                 parts.append(Part(module.names[slot], "site", shape, position, UPRIGHT))
+        return parts
+
+    def _sites_of_bodies(self, state: State) -> list[Part]:
+        """The model's own sites, which are where their bodies are; those of `Sites` lie far below."""
+        parts = []
+        for site in range(self.model.nsite):
+            kind, n_size = KINDS[mujoco.mjtGeom(self.model.site_type[site])]
+            body = int(self.model.site_bodyid[site])
+            turn = _rotation(state.data.xquat[body])
+            position = np.asarray(state.data.xpos[body], float) + turn.apply(self.model.site_pos[site])
+            paint = self.subject.materials.of_site(site)
+            if self._is_seen(state, body, position, paint):
+                shape = Shape(kind, _rounded(self.model.site_size[site, :n_size]), paint.rgba, -1, paint.material)
+                rotation = (turn * _rotation(self.model.site_quat[site])).as_matrix()
+                name = self.model.site(site).name or f"site{site}"
+                parts.append(Part(f"{name}:site", "mark", shape, position, rotation))
         return parts
 
     def _text(self, state: State, marked: Marked, returns: np.ndarray | None) -> list[str]:
@@ -174,6 +201,16 @@ class Stage:
                 words += f"   sum {_numbers(returns, members, each)}"
             text.append(words)
         return text
+
+
+def _rounded(size: Sequence[float] | np.ndarray) -> tuple[float, ...]:
+    """The numbers of a size, equal in all frames of what has the same."""
+    return tuple(round(float(s), 4) for s in size)
+
+
+def _rotation(quat: Any) -> Rotation:
+    """The rotation of a quaternion (4,), w first."""
+    return Rotation.from_quat(np.roll(np.asarray(quat, float), -1))
 
 
 def _numbers(values: Any, members: np.ndarray, each: bool) -> str:

@@ -9,6 +9,7 @@ from maax_mjx.common.colours import Colour
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
 from maax_mjx.modules.placed import Placed
+from maax_mjx.viewer.materials import Materials
 
 
 class Subject:
@@ -28,6 +29,7 @@ class Subject:
         colours: of the agents, by slot.
         kinds: of what worlds have, such as "agent", "box" and "flag".
         meshes: by their numbers in the model, (n, 3) vertices in metres and (m, 3) faces.
+        materials: what geoms and sites are painted with.
 
     Raises:
         ValueError: not an environment.
@@ -43,6 +45,7 @@ class Subject:
             self.numbers[list(team.slots)] = np.arange(team.n_agents)
         self.colours = self._agent_colours()
         self.kinds = {module.kind for module in self.base.modules.values() if isinstance(module, Placed)}
+        self.materials = Materials(self.model)
         self.meshes = {int(m): _mesh(self.model, int(m)) for m in np.unique(self.model.geom_dataid) if m >= 0}
 
     def playing(self, state: State) -> np.ndarray:

@@ -6,6 +6,7 @@ from maax_mjx.worldgen.floor import Floor
 from maax_mjx.worldgen.from_stl import ObjFromSTL
 from maax_mjx.worldgen.from_xml import ObjFromXML
 from maax_mjx.worldgen.geom import Geom, Wedge
+from maax_mjx.worldgen.joints import Hinge, Slide
 from maax_mjx.worldgen.material import Material
 from maax_mjx.worldgen.obj import Obj
 from maax_mjx.worldgen.placement import Placement, WorldFullError
@@ -15,11 +16,13 @@ from maax_mjx.worldgen.written import Transform, Written
 __all__ = [
     "Floor",
     "Geom",
+    "Hinge",
     "Material",
     "Obj",
     "ObjFromSTL",
     "ObjFromXML",
     "Placement",
+    "Slide",
     "Transform",
     "Wedge",
     "WorldBuilder",

@@ -5,11 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from maax_mjx.common.colours import Colour, colour
 from maax_mjx.worldgen.obj import Obj, Placement
 from maax_mjx.worldgen.written import Written
 
 PARKING_HEIGHT = 20.0
 """Metres above the floor of the lowest parked entity."""
+RGBA = colour("#f4f3ee")
 
 
 class Floor(Obj):
@@ -31,7 +33,7 @@ class Floor(Obj):
         size: float = 6.0,
         *,
         friction: float | None = None,
-        rgba: tuple[float, ...] = (0.93, 0.93, 0.9, 1.0),
+        rgba: Colour = RGBA,
     ):
         super().__init__("floor")
         if not 0 < size < np.inf:

@@ -1,4 +1,4 @@
-"""Objects from MJCF files."""
+"""Objects from MJCF files and texts."""
 
 from __future__ import annotations
 
@@ -17,39 +17,41 @@ ASSETS = Path(__file__).parent / "assets"
 
 
 class ObjFromXML(Obj):
-    """An object read from an MJCF file.
+    """An object read from an MJCF file, or from its text.
 
-    The file holds one body named "main", without rotation, and a body "annotation:outer_bound" whose box geom is the
+    It holds one body named "main", without rotation, and a body "annotation:outer_bound" whose box geom is the
     object's bounding box. Every other body "annotation:<name>" with a box geom is a placement <name> for children,
     which stand on the box's lower face and must fit into it ("annotation:top", "annotation:inside"; OpenAI's
     worldgen). The model leaves out annotations. In it, "main" gets the object's name, and every other name gets that
     as a prefix: `agent0`, `agent0:x`, `agent0:hand_left`.
 
     Args:
-        path: the file; a bare name is looked up among the package's assets.
+        source: the file, a bare name among the package's assets, or MJCF as text, which begins with "<".
         name: the object's name.
-        rgba: colour for all its geoms; None keeps the file's.
+        rgba: colour for all its geoms; None keeps its own.
 
     Raises:
-        ValueError: no such file, one that MuJoCo refuses, a missing body, another body or geom next to "main", a body
+        ValueError: no such file, MJCF that MuJoCo refuses, a missing body, another body or geom next to "main", a body
             that is turned or lacks its box, or `rgba` is no colour.
     """
 
-    def __init__(self, path: str | Path, name: str | None = None, *, rgba: tuple[float, ...] | None = None):
+    def __init__(self, source: str | Path, name: str | None = None, *, rgba: tuple[float, ...] | None = None):
         super().__init__(name)
-        file = next((p for p in (Path(path), ASSETS / f"{path}.xml") if p.is_file()), None)
-        if file is None:
-            assets = sorted(p.stem for p in ASSETS.glob("*.xml"))
-            raise ValueError(f"path: got {str(path)!r}; takes an MJCF file or one of the assets {assets}")
         if rgba is not None:
             check_rgba("rgba", rgba)
-        self.kind = file.stem
         self.rgba = rgba
+        text = str(source).lstrip()
+        if text.startswith("<"):
+            where, read = "the text", mujoco.MjSpec.from_string
+        else:
+            file = _found(source)
+            text = where = str(file)
+            self.kind, read = file.stem, mujoco.MjSpec.from_file
         try:
-            self._source = mujoco.MjSpec.from_file(str(file))
+            self._source = read(text)
         except ValueError as error:
-            raise ValueError(f"path: {file} is not an MJCF file that MuJoCo takes: {error}") from error
-        self._annotations = read_annotations(self._source, file)
+            raise ValueError(f"source: {where} is not MJCF that MuJoCo takes: {error}") from error
+        self._annotations = read_annotations(self._source, where)
 
     def _draw_size(self, rng: np.random.Generator, room: np.ndarray) -> None:
         self.size, self.placements = self._annotations.size, self._annotations.placements
@@ -74,3 +76,12 @@ class ObjFromXML(Obj):
             for geom in written.geoms:
                 geom.rgba = self.rgba
         return written
+
+
+def _found(source: str | Path) -> Path:
+    """The file of this path, or the asset of this name."""
+    file = next((path for path in (Path(source), ASSETS / f"{source}.xml") if path.is_file()), None)
+    if file is None:
+        assets = sorted(path.stem for path in ASSETS.glob("*.xml"))
+        raise ValueError(f"source: got {str(source)!r}; takes an MJCF file, an asset of {assets}, or MJCF as text")
+    return file

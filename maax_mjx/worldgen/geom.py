@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.worldgen.checks import check_number
+from maax_mjx.worldgen.joints import Joint
 from maax_mjx.worldgen.obj import Placement
 from maax_mjx.worldgen.solid import Solid
 from maax_mjx.worldgen.written import Written
@@ -33,10 +34,12 @@ class Geom(Solid):
         friction: sliding friction; None keeps MuJoCo's default of 1.
         damping: damping of the joints (N s/m, Nm s/rad).
         free: whether it has a free joint instead of slides x, y, z and a yaw hinge.
+        joint: a `Hinge` or `Slide` as its only joint instead: a door, a drawer.
         rgba: colour.
 
     Raises:
-        ValueError: an unknown type, a wrong number of extents, or an extent that is not positive.
+        ValueError: an unknown type, a wrong number of extents, an extent that is not positive, or a `joint` with
+            `free`.
     """
 
     def __init__(
@@ -50,9 +53,10 @@ class Geom(Solid):
         friction: float | None = None,
         damping: float = 0.01,
         free: bool = False,
+        joint: Joint | None = None,
         rgba: Sequence[float] = (0.5, 0.5, 0.5, 1.0),
     ):
-        super().__init__(name, mass=mass, friction=friction, damping=damping, free=free, rgba=rgba)
+        super().__init__(name, mass=mass, friction=friction, damping=damping, free=free, rgba=rgba, joint=joint)
         if geom_type not in TYPES:
             raise ValueError(f"geom_type: got {geom_type!r}; takes one of {sorted(TYPES)}")
         n_extents = {"box": 3, "sphere": 1, "cylinder": 2}[geom_type]

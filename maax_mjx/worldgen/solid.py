@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 
 from maax_mjx.worldgen.checks import check_number, check_rgba
-from maax_mjx.worldgen.joints import add_body
+from maax_mjx.worldgen.joints import Joint, add_body
 from maax_mjx.worldgen.obj import Obj
 from maax_mjx.worldgen.written import Written, body_position
 
@@ -22,10 +22,12 @@ class Solid(Obj):
         friction: sliding friction; None keeps MuJoCo's default of 1.
         damping: damping of the joints (N s/m, Nm s/rad).
         free: whether it has a free joint instead of slides x, y, z and a yaw hinge.
+        joint: a hinge or slide as its only joint instead.
         rgba: colour.
 
     Raises:
-        ValueError: a mass that is not positive, negative friction or damping, or an invalid colour.
+        ValueError: a mass that is not positive, negative friction or damping, an invalid colour, or a `joint`
+            with `free`.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class Solid(Obj):
         damping: float,
         free: bool,
         rgba: Sequence[float],
+        joint: Joint | None = None,
     ):
         super().__init__(name)
         if mass is not None:
@@ -45,6 +48,9 @@ class Solid(Obj):
             check_number("friction", friction, "a number of at least 0, or None")
         check_number("damping", damping, "a number of at least 0, in N s/m or Nm s/rad")
         check_rgba("rgba", rgba)
+        if joint is not None and (free or not isinstance(joint, Joint)):
+            raise ValueError(f"joint: got {joint!r} with free={free}; takes a Hinge or Slide with free=False, or None")
+        self.joint = joint
         self.mass, self.friction, self.damping, self.free, self.rgba = mass, friction, damping, free, rgba
 
     def _write_geom(self, spec: mujoco.MjSpec, parent: mujoco.MjsBody, condim: int = 3, **fields: Any) -> Written:
@@ -53,7 +59,7 @@ class Solid(Obj):
         if self.static:
             body, fields = parent, fields | {"pos": self.centre - body_position(parent)}
         else:
-            body = add_body(spec, self.name, self.centre, free=self.free, damping=self.damping)
+            body = add_body(spec, self.name, self.centre, joint=self.joint, free=self.free, damping=self.damping)
             if self.mass is not None:
                 fields["mass"] = self.mass
         geom = body.add_geom(name=self.name, condim=condim, rgba=self.rgba, **fields)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
 import jax
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import null_rows
-from maax_mjx.common.observed import Observed
+from maax_mjx.common.observed import Observed, check_arrays
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Base, Environment, check_environment
 from maax_mjx.core.state import State
@@ -105,7 +106,17 @@ class Wrapper(Environment):
         return found
 
     def remember(self, state: State, memory: Any) -> State:
-        """Returns the state with this wrapper's memory replaced."""
+        """Returns the state with this wrapper's memory replaced.
+
+        Raises:
+            ValueError: the wrapper has no name.
+        """
+        if not self.name:
+            mine = type(self).__name__
+            raise ValueError(
+                f"remember: {mine} has no name, under which its memory is kept; takes a text of its own, in the class: "
+                f"name = {mine.lower()!r}"
+            )
         return state.replace(mechanics=state.mechanics | {self.name: memory})
 
     def playing(self, state: State) -> jax.Array:
@@ -118,9 +129,36 @@ class Wrapper(Environment):
         return ()
 
     def blind(self, state: State, who: jax.Array) -> State:
-        """Zeroes what the agents in `who` (n_agents,) bool sense through this wrapper."""
+        """Zeroes what the agents in `who` (n_agents,) bool sense through this wrapper.
+
+        Raises:
+            ValueError: its senses are not observed any more, or in another shape.
+        """
+        self.check_senses({name: array.shape for name, array in state.obs.items()})
         kept = {key: state.obs[key] for key in self.senses}
         return state.replace(obs=state.obs | null_rows(kept, who))
+
+    def check_senses(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        """Refuses observations in which its senses were hidden or changed, so that `blind` cannot zero them.
+
+        Args:
+            shapes: shapes of the observations, by name.
+
+        Raises:
+            ValueError: such observations.
+        """
+        mine = type(self).__name__
+        for name in self.senses:
+            was, now = self.observation_space[name].shape, shapes.get(name)
+            if now is None:
+                raise ValueError(
+                    f"blind: {name!r} of {mine} is not observed any more; put what blinds inside what hid it, such as "
+                    "FlattenObservations"
+                )
+            if now != was:
+                raise ValueError(
+                    f"blind: {name!r} of {mine} has shape {now}, and had {was}; put what blinds inside what changed it"
+                )
 
 
 class ActionWrapper(Wrapper):
@@ -156,7 +194,7 @@ class ObservationWrapper(StateWrapper):
         raise NotImplementedError
 
     def observe(self, state: State) -> State:
-        return state.replace(obs=self.observation(state))
+        return state.replace(obs=check_arrays(self.observation(state), "observation", type(self).__name__))
 
 
 class RewardWrapper(Wrapper):

@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
-from pathlib import Path
 
 import pytest
+from helpers.pages import BLOCKS, PAGES, PRINTED
+from helpers.pages import run as run_block
 
 from maax_mjx.cli import main
 from maax_mjx.layout import scenarios
 from maax_mjx.tasks import registry
-
-ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PYTHON_THEN_TEXT = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
-FOUND = {
-    f"{page.stem}-{i}": found for page in PAGES for i, found in enumerate(PYTHON_THEN_TEXT.findall(page.read_text()))
-}
-BLOCKS = {name: block for name, (block, _) in FOUND.items()}
-PRINTED = {name: text for name, (_, text) in FOUND.items() if text}
-"""What blocks print, where the page has that below them."""
 
 (DESCENT,) = [name for name, block in BLOCKS.items() if "jax.value_and_grad" in block]
 (LEARNT,) = [name for name, block in BLOCKS.items() if "class ActorCritic" in block]
@@ -34,7 +25,7 @@ def test_block(name, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(scenarios, "_SCENARIOS", dict(scenarios._SCENARIOS))
     if "stable_baselines3" in BLOCKS[name]:
         pytest.importorskip("stable_baselines3")  # with PyTorch, too large to install for one block
-    exec(compile(BLOCKS[name], name, "exec"), {"__name__": "__main__"})
+    run_block(name)
     printed = capsys.readouterr().out
     assert printed == PRINTED.get(name, printed)
     if name == DESCENT:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mujoco import mjx
 
-from maax_mjx.worldgen import Floor, Geom, ObjFromXML, Wedge, WorldBuilder, WorldFullError, WorldParams
+from maax_mjx.worldgen import Floor, Geom, Hinge, ObjFromXML, Slide, Wedge, WorldBuilder, WorldFullError, WorldParams
 
 CUBE = (0.5, 0.5, 0.5)
 SEEDS = range(30)
@@ -300,6 +300,34 @@ def test_joint_and_surface_options():
     assert (model.geom_condim == 3).all()
 
 
+def test_a_door_turns_about_its_hinge_and_a_drawer_slides():
+    half, angle = 0.3, 0.7
+    hinge = Hinge(anchor=(-half, 0, 0), range=(-1, 2))
+    builder = WorldBuilder()
+    floor = builder.append(Floor())
+    door = floor.append(
+        Geom("box", (2 * half, 0.06, 1.0), name="door", joint=hinge, damping=0.5), placement_xy=(0.5, 0.5)
+    )
+    drawer = Geom("box", (0.2, 0.2, 0.2), name="drawer", joint=Slide(axis=(0, 2, 0), range=(0, 0.4)))
+    floor.append(drawer, placement_xy=(0.1, 0.1))
+    model, data = compiled(builder)
+    assert [model.joint(i).name for i in range(model.njnt)] == ["door:hinge", "drawer:slide"]
+    close(model.jnt_range, [[-1, 2], [0, 0.4]])
+    assert model.jnt_limited.all()
+    close(model.dof_damping, [0.5, 0.01])
+    start = door.centre, drawer.centre
+    data.qpos[:] = angle, 0.25
+    mujoco.mj_kinematics(model, data)
+    close(data.geom("door").xpos - start[0], [half * np.cos(angle) - half, half * np.sin(angle), 0], atol=1e-9)
+    close(data.geom("drawer").xpos - start[1], [0, 0.25, 0], atol=1e-9)
+    # A push opens the door as far as it goes.
+    model.geom_conaffinity[:] = model.geom_contype[:] = 0
+    for _ in range(1000):
+        data.qfrc_applied[0] = 1.0
+        mujoco.mj_step(model, data)
+    close(data.qpos[0], 2.0, atol=0.05)
+
+
 XML = '<mujoco><worldbody><body name="{}"><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>'
 
 
@@ -320,8 +348,15 @@ XML = '<mujoco><worldbody><body name="{}"><geom type="box" size=".1 .1 .1"/></bo
         (lambda: Geom("box", (1, 0, 1)), "^min_size"),
         (lambda: Geom("box", (1, 1, 1), (1, 0.5, 1)), "max_size"),
         (lambda: Geom("box", (1, 1, 1), (1, 1)), "max_size"),
+        (lambda: Geom("box", CUBE, joint="hinge"), "^joint: got 'hinge'"),
+        (lambda: Geom("box", CUBE, joint=Slide(), free=True), "^joint: got Slide.*free=True; takes"),
+        (lambda: Hinge(axis=(0, 0, 0)), "^axis.*not all zero"),
+        (lambda: Hinge(anchor=(0, 0)), "^anchor: got .0, 0.; takes three numbers"),
+        (lambda: Hinge(range=(1, -1)), "^range: got .1, -1.; takes .* radians with low < high"),
+        (lambda: Slide(axis="x"), "^axis: got 'x'; takes three numbers"),
+        (lambda: Slide(range=0.4), "^range: got 0.4; takes .* metres"),
         (lambda: Wedge(0.0), "^extent"),
-        (lambda: ObjFromXML("no_such_file"), "^path.*no_such_file.*agent"),
+        (lambda: ObjFromXML("no_such_file"), "^source.*no_such_file.*agent"),
         (lambda: Floor().append(Wedge(), placement_xy=(0.5, 1.1)), "^placement_xy"),
         (lambda: Floor().append(Wedge(), placement_xy=(-0.1, 0.5)), "^placement_xy"),
         (lambda: [Floor().append(w) for w in [Wedge()] * 2], "^obj.*parent"),
@@ -339,5 +374,5 @@ def test_wrong_placements_and_files_are_named(tmp_path):
         builder.to_spec()
     for present, missing in (("main", "annotation:outer_bound"), ("annotation:outer_bound", "main")):
         (tmp_path / "thing.xml").write_text(XML.format(present))
-        with pytest.raises(ValueError, match=f"^path.*{missing}"):
+        with pytest.raises(ValueError, match=f"^source.*{missing}"):
             ObjFromXML(tmp_path / "thing.xml")

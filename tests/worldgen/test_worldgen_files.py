@@ -143,6 +143,19 @@ def test_colours_reach_every_geom(tmp_path):
     close(model.geom_rgba[1:], np.tile([1, 0, 0, 1], (4, 1)))
 
 
+def test_text_is_as_good_as_a_file(cupboard):
+    from_file, from_text = cupboard("c"), ObjFromXML(f"\n  {CUPBOARD}", "c")
+    assert on_floor(from_text).to_mjcf() == on_floor(from_file).to_mjcf()
+    assert (from_file.kind, ObjFromXML(CUPBOARD).kind) == ("cupboard", "obj")
+
+
+def test_bad_text_is_named():
+    with pytest.raises(ValueError, match=r"^source: the text is not MJCF that MuJoCo takes: .*XML"):
+        ObjFromXML("<mujoco><worldbody>")
+    with pytest.raises(ValueError, match=r"^source: the text has no body 'annotation:outer_bound'"):
+        ObjFromXML("<mujoco/>")
+
+
 BAD_XML = [
     ('pos="1 2 1.25"><geom class="note" size=".6 .3 .25"/>', ">", "annotation:top.*no box"),
     (
@@ -153,7 +166,7 @@ BAD_XML = [
     ('pos="1 2 1.25">', 'pos="1 2 1.25" euler="0 0 30">', "annotation:top.*turned"),
     ('name="main" pos="1 2 0"', 'name="main" euler="0 0 90"', "main.*turned"),
     ("</worldbody>", '<body name="stray"/></worldbody>', "stray"),
-    ("</worldbody>", "</wordbody>", "not an MJCF file"),
+    ("</worldbody>", "</wordbody>", "is not MJCF"),
     ('size=".6 .3 .025"', 'size="-1 .3 .025"', "MuJoCo"),
 ]
 
@@ -162,7 +175,7 @@ BAD_XML = [
 def test_bad_xml_files_are_named(tmp_path, old, new, match):
     assert old in CUPBOARD
     (tmp_path / "bad.xml").write_text(CUPBOARD.replace(old, new))
-    with pytest.raises(ValueError, match=rf"(?s)^path: .*{match}"):
+    with pytest.raises(ValueError, match=rf"(?s)^source: .*{match}"):
         ObjFromXML(tmp_path / "bad.xml")
     with pytest.raises(ValueError, match=r"^rgba"):
         ObjFromXML("agent", rgba=(1.0, 0.0, 0.0))

@@ -342,11 +342,11 @@ ERRORS = {
     ),
     "blind to what is hidden": (
         lambda e, s: maax.PreparationPhase(maax.SelectObservations(e, ["sees_agent", "sees_box"]), blind=True),
-        "blind: 'lidar' is not observed any more; put PreparationPhase inside what hid it",
+        "blind: 'lidar' of Lidar is not observed any more; put what blinds inside what hid it",
     ),
     "blind to what others sense": (
         lambda e, s: maax.PreparationPhase(maax.SplitObservations(e), blind=True),
-        "blind: 'sees_agent' has shape (4, 3), and had (4, 4); put PreparationPhase inside what changed it",
+        "blind: 'sees_agent' of LineOfSight has shape (4, 3), and had (4, 4); put what blinds inside what changed it",
     ),
     "blind": (lambda e, s: maax.PreparationPhase(e, blind=1), "blind: got 1; takes True or False"),
     "stats twice": (
