@@ -30,6 +30,7 @@ class RandomRooms:
     counts: tuple[int, int] = (1, 1)
     min_room_size: int = 1
     quadrant_cells = None
+    shortest_stretch = None
     fixed_doors = False
     tries = 8
 

@@ -31,7 +31,14 @@ class Scenario(Protocol):
 
     @property
     def shortest_wall(self) -> Cells | None:
-        """Cells of the shortest stretch of a wall between two others, theirs included; None is not known."""
+        """Cells of the shortest side of a room, with the walls beside it; None is not known."""
+
+    @property
+    def shortest_stretch(self) -> Cells | None:
+        """Cells of the shortest stretch of a wall between two others, theirs included; None is not known.
+
+        It is shorter than the shortest wall where walls meet one from both of its sides.
+        """
 
     @property
     def wall_cells(self) -> Cells:
@@ -87,6 +94,11 @@ class FixedScenario:
     quadrant_cells: Cells | None
     fixed_doors: bool
     tries = 1
+
+    @property
+    def shortest_stretch(self) -> Cells | None:
+        """The shortest wall."""
+        return self.shortest_wall
 
     @property
     def parameters(self) -> list[Parameter]:

@@ -41,7 +41,8 @@ class WallScenarios(Module):
         scenario: "empty" (outer walls only), "half" (two rooms), "quad" (a quadrant at high x, low y, with a door in
             each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), one of your own
             (see `layout.register_scenario`), or several of these; each world then draws one.
-        door_size: doors in cells; the true opening is one cell and a thickness wider. 0 makes walls without doors.
+        door_size: doors in cells; the true opening is one cell and a thickness wider, and half a cell less beside
+            another wall. 0 makes walls without doors.
         p_door_dropout: probability that only one of a quadrant's walls has a door, or (low, high).
         probabilities: probabilities of several scenarios; None makes them equal.
         n_rooms: number of rooms of "random", or (low, high), drawn uniformly.
@@ -54,7 +55,7 @@ class WallScenarios(Module):
 
     Raises:
         ValueError: an unknown scenario, a negative size, or a share outside [0, 1]; with `Base`, a door wider than its
-            wall.
+            wall, or too narrow for an agent.
     """
 
     name = "walls"
@@ -118,21 +119,25 @@ class WallScenarios(Module):
         return np.array([self.model.geom(f"wall{i}").id for i in range(self.n_walls)], int)
 
     def check(self, grid_size: int, floor_size: float) -> None:
-        g = grid_size
-        opening = (self.door_size + 1.5) * floor_size / g
-        if self.n_inner and self.door_size and opening < WAY:
-            raise ValueError(
-                f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m on the smallest floor; takes "
-                f"one of at least {WAY} m, so that agents pass"
-            )
         for scenario in self._drawn:
-            scenario.check(g)
-        walls = [scenario.shortest_wall(g) for scenario in self._drawn if scenario.shortest_wall]
+            scenario.check(grid_size)
+        walled = [scenario for scenario in self._drawn if scenario.n_walls]
+        if not walled or not self.door_size:
+            return
+        walls = [scenario.shortest_wall(grid_size) for scenario in walled if scenario.shortest_wall]
         shortest = min(walls, default=self.door_size + 2)
         if self.door_size > shortest - 2:
             raise ValueError(
                 f"door_size: got {self.door_size} cells; takes 0 to {shortest - 2}, so that the shortest wall, of "
                 f"{shortest} cells, keeps one on either side"
+            )
+        stretches = [scenario.shortest_stretch(grid_size) if scenario.shortest_stretch else None for scenario in walled]
+        cells = min(wall_layout.narrowest_opening(self.door_size, stretch) for stretch in stretches)
+        opening = cells * floor_size / grid_size
+        if opening < WAY:
+            raise ValueError(
+                f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m where it is narrowest, on the "
+                f"smallest floor; takes one of at least {WAY} m, so that agents pass"
             )
 
     def wall_cells(self, grid_size: int) -> int:
