@@ -30,7 +30,7 @@ class RandomRooms:
     counts: tuple[int, int] = (1, 1)
     min_room_size: int = 1
     quadrant_cells = None
-    shortest_stretch = None
+    shortest_wall = None
     fixed_doors = False
     tries = 8
 
@@ -44,8 +44,8 @@ class RandomRooms:
         """The most there can be."""
         return self.counts[1]
 
-    def shortest_wall(self, grid_size: int) -> int:
-        """The side of the smallest room."""
+    def narrowest_room(self, grid_size: int) -> int:
+        """One cell more than walls keep from each other, and both walls."""
         return self.min_room_size + 2
 
     def wall_cells(self, grid_size: int) -> int:

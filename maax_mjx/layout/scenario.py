@@ -31,14 +31,11 @@ class Scenario(Protocol):
 
     @property
     def shortest_wall(self) -> Cells | None:
-        """Cells of the shortest side of a room, with the walls beside it; None is not known."""
+        """Cells of the shortest stretch of a wall between two others, theirs included; None is not known."""
 
     @property
-    def shortest_stretch(self) -> Cells | None:
-        """Cells of the shortest stretch of a wall between two others, theirs included; None is not known.
-
-        It is shorter than the shortest wall where walls meet one from both of its sides.
-        """
+    def narrowest_room(self) -> Cells | None:
+        """Cells across its narrowest room, the walls on both sides included; None is not known."""
 
     @property
     def wall_cells(self) -> Cells:
@@ -90,15 +87,11 @@ class FixedScenario:
     n_walls: int
     n_rooms: int
     shortest_wall: Cells | None
+    narrowest_room: Cells | None
     wall_cells: Cells
     quadrant_cells: Cells | None
     fixed_doors: bool
     tries = 1
-
-    @property
-    def shortest_stretch(self) -> Cells | None:
-        """The shortest wall."""
-        return self.shortest_wall
 
     @property
     def parameters(self) -> list[Parameter]:

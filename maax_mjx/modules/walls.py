@@ -16,6 +16,7 @@ from maax_mjx.layout import Layout, World
 from maax_mjx.layout import walls as wall_layout
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.layout.rooms import Rooms, with_doors
+from maax_mjx.layout.scenario import Cells
 from maax_mjx.layout.scenarios import scenario_by_name
 from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.module import BELOW, Module
@@ -121,23 +122,33 @@ class WallScenarios(Module):
     def check(self, grid_size: int, floor_size: float) -> None:
         for scenario in self._drawn:
             scenario.check(grid_size)
+        if self.n_inner and self.door_size:
+            self._check_doors(grid_size, floor_size / grid_size)
+
+    def _check_doors(self, grid_size: int, cell: float) -> None:
+        """Refuses doors wider than their wall, and doors and rooms too narrow for an agent, by the cells' size in m."""
         walled = [scenario for scenario in self._drawn if scenario.n_walls]
-        if not walled or not self.door_size:
-            return
-        walls = [scenario.shortest_wall(grid_size) for scenario in walled if scenario.shortest_wall]
-        shortest = min(walls, default=self.door_size + 2)
+        walls = [_known(scenario.shortest_wall, grid_size) for scenario in walled]
+        rooms = [_known(scenario.narrowest_room, grid_size) for scenario in walled]
+        sides = [room if wall is None else wall for wall, room in zip(walls, rooms, strict=True)]
+        shortest = min((side for side in sides if side is not None), default=self.door_size + 2)
         if self.door_size > shortest - 2:
             raise ValueError(
                 f"door_size: got {self.door_size} cells; takes 0 to {shortest - 2}, so that the shortest wall, of "
                 f"{shortest} cells, keeps one on either side"
             )
-        stretches = [scenario.shortest_stretch(grid_size) if scenario.shortest_stretch else None for scenario in walled]
-        cells = min(wall_layout.narrowest_opening(self.door_size, stretch) for stretch in stretches)
-        opening = cells * floor_size / grid_size
+        opening = cell * min(wall_layout.narrowest_opening(self.door_size, wall) for wall in walls)
         if opening < WAY:
             raise ValueError(
                 f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m where it is narrowest, on the "
                 f"smallest floor; takes one of at least {WAY} m, so that agents pass"
+            )
+        # From the middle of one wall's cells to the middle of the other's, less a thickness of half a cell.
+        width = cell * (min((room for room in rooms if room is not None), default=np.inf) - 1.5)
+        if width < WAY:
+            raise ValueError(
+                f"floor_size: got {cell * grid_size:.2f} m at the least, with a room {width:.2f} m wide; takes one "
+                f"with rooms of at least {WAY} m, so that agents fit"
             )
 
     def wall_cells(self, grid_size: int) -> int:
@@ -287,6 +298,10 @@ class RandomWalls(WallScenarios):
             friction=friction,
             outer=outer if outside_walls else "none",
         )
+
+
+def _known(cells: Cells | None, grid_size: int) -> int | None:
+    return None if cells is None else cells(grid_size)
 
 
 def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float, ...]:

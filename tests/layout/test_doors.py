@@ -43,7 +43,7 @@ def smallest_floor(module, grid_size):
 def extreme(rng, scenario):
     """Cells per side, cells of doors, rooms and their least size, on the smallest floor that takes them, in metres."""
     while True:
-        grid_size, door_size = int(rng.integers(8, 25)), int(rng.integers(1, 5))
+        grid_size, door_size = int(rng.integers(8, 25)), int(rng.integers(1, 8))
         n_rooms, min_room_size = int(rng.integers(2, MAX_ROOMS + 1)), door_size + int(rng.integers(0, 3))
         module = maax.WallScenarios(scenario, door_size, n_rooms=n_rooms, min_room_size=min_room_size)
         if accepted(module, grid_size, 60.0):
@@ -95,13 +95,15 @@ def test_the_narrowest_opening_is_the_one_that_is_checked(door_cells, more):
     assert widths.min() == wall_layout.narrowest_opening(door_cells, stretch)
 
 
-def test_a_door_that_agents_pass_is_accepted_and_a_narrower_one_is_not():
+def test_what_agents_pass_is_accepted_and_what_is_narrower_is_not():
     base = maax.Base(1, floor_size=6.0, grid_size=30, impl="c")
     base.add_module(maax.WallScenarios(("quad", "half", "tri"), door_size=1))
     with pytest.raises(ValueError, match=r"door_size: got 1 cells, an opening of 0.30 m where"):
         maax.Base(1, floor_size=6.0, grid_size=30, impl="c").add_module(maax.RandomWalls(3, door_size=1))
     with pytest.raises(ValueError, match=r"door_size: got 2 cells, an opening of 0.25 m where"):
         maax.Base(1, floor_size=(3.0, 6.0), grid_size=30, impl="c").add_module(maax.RandomWalls(3))
+    with pytest.raises(ValueError, match=r"floor_size: got 0.90 m at the least, with a room 0.28 m wide"):
+        maax.Base(1, floor_size=0.9, grid_size=8, impl="c").add_module(maax.WallScenarios("half", door_size=2))
 
 
 @pytest.mark.slow
