@@ -100,7 +100,9 @@ def _write_bodies(root: ET.Element, model: mujoco.MjModel) -> None:
         if element.get("type") == "slide":
             element.set("ref", _numbers(joint.qpos0))
         if model.jnt_limited[joint.id]:
-            element.set("range", _numbers(joint.range))
+            low, high = joint.range
+            # A closed range is a lock. MuJoCo's parser takes none, but takes the narrowest that is not closed.
+            element.set("range", _numbers([low, max(high, np.nextafter(low, np.inf))]))
 
 
 def _write_geoms(root: ET.Element, model: mujoco.MjModel, env: Environment) -> None:

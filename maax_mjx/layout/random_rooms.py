@@ -30,6 +30,7 @@ class RandomRooms:
     counts: tuple[int, int] = (1, 1)
     min_room_size: int = 1
     quadrant_cells = None
+    shortest_wall = None
     fixed_doors = False
     tries = 8
 
@@ -43,8 +44,8 @@ class RandomRooms:
         """The most there can be."""
         return self.counts[1]
 
-    def shortest_wall(self, grid_size: int) -> int:
-        """The side of the smallest room."""
+    def narrowest_room(self, grid_size: int) -> int:
+        """One cell more than walls keep from each other, and both walls."""
         return self.min_room_size + 2
 
     def wall_cells(self, grid_size: int) -> int:
@@ -87,9 +88,10 @@ def random_rooms(
 ) -> Rooms:
     """Draws `n_rooms` rooms by splitting: one after the other, a wall goes from a wall to the next parallel one.
 
-    OpenAI's rule: a wall is drawn uniformly and a place on it, then a side; the new wall must be more than
-    `min_room_size` cells from the corners of the room that it splits. Ten such draws are made for each new wall.
-    Rooms stay rectangles, so that the next parallel wall is the far side of the room, and nothing is crossed.
+    OpenAI's rule: a wall is drawn uniformly, and for every other parallel wall a place along it, where a wall from the
+    one to the other may be built. It may if both are sides of one room, and it is more than `min_room_size` cells from
+    the room's corners. One of those that may be is drawn uniformly. Ten such draws are made for each new wall.
+    Rooms stay rectangles, so that such a wall crosses nothing.
 
     Args:
         key: a key.
@@ -106,23 +108,31 @@ def random_rooms(
     def split(carry: tuple[Walls, jax.Array, jax.Array], k: jax.Array) -> tuple[tuple, None]:
         walls, rooms, valid = carry
         wanted = k + 1 < n_rooms
-        wall_key, place_key, side_key = jax.random.split(jax.random.fold_in(key, k), 3)
+        wall_key, place_key, other_key = jax.random.split(jax.random.fold_in(key, k), 3)
         wall = jax.random.randint(wall_key, (ATTEMPTS,), 0, 4 + k)
-        axis, line = walls.axis[wall], walls.line[wall]
-        start, end = walls.start[wall], walls.end[wall]
-        share = jax.random.uniform(place_key, (ATTEMPTS,))
+        axis, line, start, end = (x[wall, None] for x in (walls.axis, walls.line, walls.start, walls.end))
+        # Of every attempt and every other wall: a place along the attempt's wall. The walls are the first axis of the
+        # draw, so that more of them would not change it.
+        share = jax.random.uniform(place_key, (walls.n, ATTEMPTS)).T
         at = start + 1 + jnp.floor(share * (end - start - 1)).astype(jnp.int32)
-        vertical = (axis == VERTICAL)[:, None]
-        # Of every room: its sides along the wall's line, and its extent along the wall.
+        faces = (walls.axis == axis) & walls.present & (walls.start <= at) & (at <= walls.end)
+        vertical = axis == VERTICAL
+        # Of every attempt and room: its sides along the wall's line, and its extent along the wall.
         near, far = _select(vertical, rooms[:, 0], rooms[:, 1]), _select(vertical, rooms[:, 2], rooms[:, 3])
         low, high = _select(vertical, rooms[:, 1], rooms[:, 0]), _select(vertical, rooms[:, 3], rooms[:, 2])
-        beside = ((near == line[:, None]) | (far == line[:, None])) & (jnp.arange(max_rooms) <= k)
-        roomy = (at[:, None] - low > min_room_size) & (high - at[:, None] > min_room_size)
-        found = (beside & roomy).any(axis=1)
+        # Of every attempt, other wall and room: whether the room lies between the two and is roomy at the place.
+        first, second = line[:, :, None], walls.line[None, :, None]
+        lower, upper = jnp.minimum(first, second), jnp.maximum(first, second)
+        between = (near[:, None] == lower) & (far[:, None] == upper) & (jnp.arange(max_rooms) <= k)
+        roomy = (at[..., None] - low[:, None] > min_room_size) & (high[:, None] - at[..., None] > min_room_size)
+        splits = faces[..., None] & between & roomy
+        fits = splits.any(axis=2)
+        found = fits.any(axis=1)
         attempt = found.argmax()
-        room = choose(jax.random.uniform(side_key), (beside & roomy)[attempt])
+        other = choose(jax.random.uniform(other_key), fits[attempt])
+        room = splits[attempt, other].argmax()
         ok = wanted & found[attempt]
-        at, turned = at[attempt], vertical[attempt, 0]
+        at, turned = at[attempt, other], vertical[attempt, 0]
         new = 4 + k
 
         def put(array: jax.Array, value: jax.Array) -> jax.Array:

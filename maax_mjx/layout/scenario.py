@@ -34,6 +34,10 @@ class Scenario(Protocol):
         """Cells of the shortest stretch of a wall between two others, theirs included; None is not known."""
 
     @property
+    def narrowest_room(self) -> Cells | None:
+        """Cells across its narrowest room, the walls on both sides included; None is not known."""
+
+    @property
     def wall_cells(self) -> Cells:
         """How many cells its walls take, at the most."""
 
@@ -83,6 +87,7 @@ class FixedScenario:
     n_walls: int
     n_rooms: int
     shortest_wall: Cells | None
+    narrowest_room: Cells | None
     wall_cells: Cells
     quadrant_cells: Cells | None
     fixed_doors: bool

@@ -36,6 +36,7 @@ def register_scenario(
     n_walls: int,
     n_rooms: int,
     shortest_wall: Cells | None = None,
+    narrowest_room: Cells | None = None,
     wall_cells: Cells | None = None,
     quadrant_cells: Cells | None = None,
     fixed_doors: bool = True,
@@ -65,6 +66,8 @@ def register_scenario(
         shortest_wall: from `grid_size` to the cells of the shortest stretch of a wall between two others, theirs
             included, so that a door that does not fit is refused when an environment is composed. None: it makes the
             layout invalid.
+        narrowest_room: from `grid_size` to the cells across the narrowest room, the walls on both sides included, so
+            that a floor is refused where agents do not fit into it. None is as many as the shortest wall has.
         wall_cells: from `grid_size` to how many cells its walls take at the most. None: all go from side to side.
         quadrant_cells: from `grid_size` to how many cells its quadrant has at the least; None has no quadrant. Room 0
             is the quadrant, and the first two walls are its walls.
@@ -77,7 +80,12 @@ def register_scenario(
     n_walls, n_rooms = check_count("n_walls", n_walls), check_count("n_rooms", n_rooms, minimum=1)
     if not callable(draw):
         raise ValueError(f"draw: got {draw!r}; takes a function (key, grid_size) -> Rooms")
-    cells = {"shortest_wall": shortest_wall, "wall_cells": wall_cells, "quadrant_cells": quadrant_cells}
+    cells = {
+        "shortest_wall": shortest_wall,
+        "narrowest_room": narrowest_room,
+        "wall_cells": wall_cells,
+        "quadrant_cells": quadrant_cells,
+    }
     for argument, value in cells.items():
         if value is not None and not callable(value):
             raise ValueError(f"{argument}: got {value!r}; takes a function grid_size -> cells, or None")
@@ -89,6 +97,7 @@ def register_scenario(
         n_walls=n_walls,
         n_rooms=n_rooms,
         shortest_wall=shortest_wall,
+        narrowest_room=shortest_wall if narrowest_room is None else narrowest_room,
         wall_cells=(lambda grid_size: n_walls * grid_size) if wall_cells is None else wall_cells,
         quadrant_cells=quadrant_cells,
         fixed_doors=check_bool("fixed_doors", fixed_doors),
@@ -101,7 +110,7 @@ def _cells_inside(quadrant: int) -> int:
 
 
 register_scenario("empty", empty, n_walls=0, n_rooms=1)
-register_scenario("half", half, n_walls=1, n_rooms=2, shortest_wall=lambda g: g)
+register_scenario("half", half, n_walls=1, n_rooms=2, shortest_wall=lambda g: g, narrowest_room=lambda g: g - g // 2)
 register_scenario(
     "quad",
     quad,

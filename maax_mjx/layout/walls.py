@@ -3,7 +3,7 @@
 A wall runs along one row or column of cells, from the centre of its first cell to the centre of its last, is half a
 cell thick, and reaches half its thickness further where it meets another wall, so that corners are closed. A door
 takes whole cells; the wall ends half a thickness before the last cell's centre on either side of it, which makes the
-opening of a door of d cells (d + 1) cells and one thickness wide.
+opening of a door of d cells (d + 1) cells and one thickness wide. Beside another wall it is half a cell narrower.
 """
 
 from __future__ import annotations
@@ -141,6 +141,17 @@ def _opening_ends(walls: Walls, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
     low = jnp.maximum((walls.door_start - 0.5) * cell - half, (walls.low + 0.5) * cell + half)
     high = jnp.minimum((walls.door_start + walls.door_cells + 0.5) * cell + half, (walls.high + 0.5) * cell - half)
     return low, high
+
+
+def narrowest_opening(door_cells: int, stretch: int | None) -> float:
+    """Cells of the narrowest true opening that doors can have.
+
+    Args:
+        door_cells: the doors' size in cells, at least 1.
+        stretch: cells of the shortest stretch between two other walls, theirs included; None is any that holds a door.
+    """
+    fills_stretch = stretch is None or stretch <= door_cells + 2
+    return door_cells + (0.5 if fills_stretch else 1.0)
 
 
 def segments(walls: Walls, cell: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -16,6 +16,7 @@ from maax_mjx.layout import Layout, World
 from maax_mjx.layout import walls as wall_layout
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.layout.rooms import Rooms, with_doors
+from maax_mjx.layout.scenario import Cells
 from maax_mjx.layout.scenarios import scenario_by_name
 from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.module import BELOW, Module
@@ -41,7 +42,8 @@ class WallScenarios(Module):
         scenario: "empty" (outer walls only), "half" (two rooms), "quad" (a quadrant at high x, low y, with a door in
             each wall), "var_quad" (its size drawn), "tri" (three rooms), "random" (see `n_rooms`), one of your own
             (see `layout.register_scenario`), or several of these; each world then draws one.
-        door_size: doors in cells; the true opening is one cell and a thickness wider. 0 makes walls without doors.
+        door_size: doors in cells; the true opening is one cell and a thickness wider, and half a cell less beside
+            another wall. 0 makes walls without doors.
         p_door_dropout: probability that only one of a quadrant's walls has a door, or (low, high).
         probabilities: probabilities of several scenarios; None makes them equal.
         n_rooms: number of rooms of "random", or (low, high), drawn uniformly.
@@ -54,7 +56,7 @@ class WallScenarios(Module):
 
     Raises:
         ValueError: an unknown scenario, a negative size, or a share outside [0, 1]; with `Base`, a door wider than its
-            wall.
+            wall, or too narrow for an agent.
     """
 
     name = "walls"
@@ -118,21 +120,35 @@ class WallScenarios(Module):
         return np.array([self.model.geom(f"wall{i}").id for i in range(self.n_walls)], int)
 
     def check(self, grid_size: int, floor_size: float) -> None:
-        g = grid_size
-        opening = (self.door_size + 1.5) * floor_size / g
-        if self.n_inner and self.door_size and opening < WAY:
-            raise ValueError(
-                f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m on the smallest floor; takes "
-                f"one of at least {WAY} m, so that agents pass"
-            )
         for scenario in self._drawn:
-            scenario.check(g)
-        walls = [scenario.shortest_wall(g) for scenario in self._drawn if scenario.shortest_wall]
-        shortest = min(walls, default=self.door_size + 2)
+            scenario.check(grid_size)
+        if self.n_inner and self.door_size:
+            self._check_doors(grid_size, floor_size / grid_size)
+
+    def _check_doors(self, grid_size: int, cell: float) -> None:
+        """Refuses doors wider than their wall, and doors and rooms too narrow for an agent, by the cells' size in m."""
+        walled = [scenario for scenario in self._drawn if scenario.n_walls]
+        walls = [_known(scenario.shortest_wall, grid_size) for scenario in walled]
+        rooms = [_known(scenario.narrowest_room, grid_size) for scenario in walled]
+        sides = [room if wall is None else wall for wall, room in zip(walls, rooms, strict=True)]
+        shortest = min((side for side in sides if side is not None), default=self.door_size + 2)
         if self.door_size > shortest - 2:
             raise ValueError(
                 f"door_size: got {self.door_size} cells; takes 0 to {shortest - 2}, so that the shortest wall, of "
                 f"{shortest} cells, keeps one on either side"
+            )
+        opening = cell * min(wall_layout.narrowest_opening(self.door_size, wall) for wall in walls)
+        if opening < WAY:
+            raise ValueError(
+                f"door_size: got {self.door_size} cells, an opening of {opening:.2f} m where it is narrowest, on the "
+                f"smallest floor; takes one of at least {WAY} m, so that agents pass"
+            )
+        # From the middle of one wall's cells to the middle of the other's, less a thickness of half a cell.
+        width = cell * (min((room for room in rooms if room is not None), default=np.inf) - 1.5)
+        if width < WAY:
+            raise ValueError(
+                f"floor_size: got {cell * grid_size:.2f} m at the least, with a room {width:.2f} m wide; takes one "
+                f"with rooms of at least {WAY} m, so that agents fit"
             )
 
     def wall_cells(self, grid_size: int) -> int:
@@ -282,6 +298,10 @@ class RandomWalls(WallScenarios):
             friction=friction,
             outer=outer if outside_walls else "none",
         )
+
+
+def _known(cells: Cells | None, grid_size: int) -> int | None:
+    return None if cells is None else cells(grid_size)
 
 
 def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float, ...]:

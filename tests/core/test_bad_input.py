@@ -108,7 +108,7 @@ CONSTRUCTION = {
     "teams of none": (lambda: Agents({"hiders": 0}), "n_agents: got no agents in team 'hiders'", "takes at least one"),
     "team range": (lambda: Agents({"hiders": (3, 1)}), "n_agents['hiders']: got (3, 1)", "low <= high"),
     "too many rooms": (lambda: base(1, maax.RandomWalls(14)), "n_rooms: got 14", "takes at most 9 of min_room_size 6"),
-    "narrow door": (lambda: base(1, WallScenarios(), grid_size=100), "an opening of 0.21 m", "at least 0.32 m"),
+    "narrow door": (lambda: base(1, WallScenarios(), grid_size=100), "an opening of 0.18 m", "at least 0.32 m"),
     "probabilities nan": (
         lambda: WallScenarios(["quad", "tri"], probabilities=[NAN, 1]),
         "probabilities: got [nan, 1]",

@@ -203,8 +203,8 @@ def test_modules_have_names_and_entities_kinds():
 class Forgetful(maax.Wrapper):
     """A wrapper that keeps something without a name."""
 
-    def reset(self, key, params=None):
-        return self.remember(self.env.reset(key, params), jnp.zeros(2))
+    def begin(self, key, params):
+        return self.remember(self.env.begin(key, params), jnp.zeros(2))
 
 
 def test_a_wrapper_that_remembers_has_a_name():

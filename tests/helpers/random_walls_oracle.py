@@ -1,10 +1,12 @@
 """Slow, obvious NumPy reference of a random room generator (walls on the lines of a square grid of cells)."""
 
 import sys
+from collections import Counter
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 ATTEMPTS_PER_WALL = 10
 ROUNDS = 10
@@ -43,25 +45,62 @@ def crosses(new: Wall, other: Wall) -> bool:
     return new.start < other.line < new.end and other.start <= new.line <= other.end
 
 
-def attempt(rng: np.random.Generator, walls: list[Wall], min_room_size: int) -> Wall | None:
-    """Try once to find a new inner wall; None if no proposal is kept."""
-    wall1 = walls[rng.integers(len(walls))]
-    if wall1.end - wall1.start < 2:
+def places(wall: Wall) -> range:
+    """Return where along a wall another one may begin."""
+    return range(wall.start + 1, wall.end)
+
+
+def between(wall1: Wall, wall2: Wall, place: int, walls: list[Wall], min_room_size: int) -> Wall | None:
+    """Return the wall at a place along `wall1` that reaches to `wall2`; None where there is none to be built."""
+    if wall2.axis != wall1.axis or wall2.line == wall1.line or not wall2.start <= place <= wall2.end:
         return None
-    place = wall1.start + int(rng.integers(1, wall1.end - wall1.start))
-    kept = []
-    for wall2 in walls:
-        if wall2.axis != wall1.axis or wall2.line == wall1.line:
-            continue
-        if not wall2.start <= place <= wall2.end:
-            continue
-        side = 1 if wall2.line > wall1.line else -1
-        if any(abs(place - point) <= min_room_size for point in junctions(wall1, side, walls)):
-            continue
-        new = Wall(1 - wall1.axis, place, min(wall1.line, wall2.line), max(wall1.line, wall2.line))
-        if not any(crosses(new, other) for other in walls):
-            kept.append(new)
+    side = 1 if wall2.line > wall1.line else -1
+    if any(abs(place - point) <= min_room_size for point in junctions(wall1, side, walls)):
+        return None
+    new = Wall(1 - wall1.axis, place, min(wall1.line, wall2.line), max(wall1.line, wall2.line))
+    return None if any(crosses(new, other) for other in walls) else new
+
+
+def attempt(rng: np.random.Generator, walls: list[Wall], min_room_size: int) -> Wall | None:
+    """Try once to find a new inner wall, with a place of its own for every other wall; None if none is kept."""
+    wall1 = walls[rng.integers(len(walls))]
+    proposed = [between(wall1, wall2, rng.choice(places(wall1)), walls, min_room_size) for wall2 in walls]
+    kept = [wall for wall in proposed if wall is not None]
     return kept[rng.integers(len(kept))] if kept else None
+
+
+def attempt_shares(walls: list[Wall], min_room_size: int) -> Counter[Wall]:
+    """Return the probability of every wall that one attempt can build; they sum to that of building any."""
+    shares: Counter[Wall] = Counter()
+    for wall1 in walls:
+        n = len(places(wall1))
+        built = [[between(wall1, wall2, place, walls, min_room_size) for place in places(wall1)] for wall2 in walls]
+        kept = [[wall for wall in row if wall is not None] for row in built]
+        for i, row in enumerate(kept):
+            # How many of the others are kept as well, each independently of the rest: one of all is then drawn.
+            others = np.ones(1)
+            for other in kept[:i] + kept[i + 1 :]:
+                others = np.convolve(others, [1 - len(other) / n, len(other) / n])
+            drawn = (others / np.arange(1, len(others) + 1)).sum()
+            for wall in row:
+                shares[wall] += drawn / n / len(walls)
+    return shares
+
+
+def layout_shares(n_rooms: int, grid_size: int, min_room_size: int) -> Counter[frozenset[Wall]]:
+    """Return the probability of every set of inner walls (without doors) that a round which succeeds can end with."""
+    layouts: Counter[frozenset[Wall]] = Counter({frozenset(): 1.0})
+    for _ in range(n_rooms - 1):
+        larger: Counter[frozenset[Wall]] = Counter()
+        for inner, share in layouts.items():
+            new = attempt_shares([*outer_walls(grid_size), *inner], min_room_size)
+            any_wall = min(sum(new.values()), 1.0)
+            succeeds = 1 - (1 - any_wall) ** ATTEMPTS_PER_WALL
+            for wall, part in new.items():
+                larger[inner | {wall}] += share * succeeds * part / any_wall
+        layouts = larger
+    total = sum(layouts.values())
+    return Counter({inner: share / total for inner, share in layouts.items()})
 
 
 def place_door(rng: np.random.Generator, wall: Wall, walls: list[Wall], door_size: int) -> Wall | None:
@@ -117,17 +156,8 @@ def room_areas(walls: list[Wall], grid_size: int, open_door_size: int = 0) -> li
         cells = blocked[:, wall.line] if wall.axis == 0 else blocked[wall.line, :]
         if open_door_size:
             cells[wall.door_start : wall.door_start + open_door_size] = False
-    areas = []
-    while not blocked.all():
-        stack, area = [tuple(np.argwhere(~blocked)[0])], 0
-        while stack:
-            row, column = stack.pop()
-            if not blocked[row, column]:
-                blocked[row, column] = True
-                area += 1
-                stack += [(row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
-        areas.append(area)
-    return areas
+    labels, n_rooms = ndimage.label(~blocked)
+    return np.bincount(labels.ravel(), minlength=n_rooms + 1)[1:].tolist()
 
 
 if __name__ == "__main__":

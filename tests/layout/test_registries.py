@@ -147,6 +147,7 @@ def test_doors_that_may_be_missing_have_a_mask():
         ({"n_walls": -1}, "n_walls: got -1; takes a whole number of at least 0"),
         ({"n_rooms": 0}, "n_rooms: got 0; takes a whole number of at least 1"),
         ({"shortest_wall": 5}, "shortest_wall: got 5; takes a function"),
+        ({"narrowest_room": 5}, "narrowest_room: got 5; takes a function"),
         ({"fixed_doors": 1}, "fixed_doors: got 1; takes True or False"),
         ({"n_walls": 1, "quadrant_cells": lambda g: g}, "n_walls: got 1 beside quadrant_cells"),
     ],

@@ -260,11 +260,18 @@ def test_locks_over_time(lock_type, roaming):
         assert objected > 5, "seekers that owned it last object to a new lock"
 
 
-def test_the_file_of_a_locked_world_moves_as_it_does(locking):
-    env, reset, step = locking
+@pytest.mark.parametrize("method", ["equality", "joint_range"])
+def test_the_file_of_a_locked_world_moves_as_it_does(method):
+    """Locked objects are pushed and turned, so that the file without their locks would move otherwise."""
+    env, reset, step = jitted(method)
     state = step(reset(seeds.key(2)), action(np.ones((4, 3))))
+    locked = np.asarray(handled(state.obs)["obj_lock"])[:, 0] > 0
+    assert locked.any()
+    force = np.zeros(state.data.xfrc_applied.shape, np.float32)
+    force[bodies(env)[locked]] = [0.6 * PUSH, 0.8 * PUSH, 0, 0, 0, TWIST]
+    state = state.replace(data=state.data.replace(xfrc_applied=jnp.asarray(force)))
     model, data = in_plain_mujoco(env, state)
-    assert data.eq_active.sum() == 4 * int(np.asarray(handled(state.obs)["obj_lock"]).sum()) > 0
+    data.xfrc_applied[:] = force
     for _ in range(50):
         state = step(state, action(np.ones((4, 3)), 0.7))
         data.ctrl[:] = np.where(np.repeat(np.asarray(state.world.active["agent"]), 3), 0.7, 0.0)
