@@ -7,9 +7,10 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
 from types import NoneType
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args
 
 import maax_mjx as maax
+from maax_mjx.common.annotated import field_kinds
 from maax_mjx.core.env import Environment
 
 ENV = "--env."
@@ -86,7 +87,7 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
 def _inner_configs(config: type) -> dict[str, type]:
     """Returns the classes of the fields that are configs or None."""
     found = {}
-    for field, hint in get_type_hints(config).items():
+    for field, hint in field_kinds(config).items():
         kinds = [kind for kind in get_args(hint) if isinstance(kind, type) and is_dataclass(kind)]
         if kinds and NoneType in get_args(hint):
             found[field] = kinds[0]

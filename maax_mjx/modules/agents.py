@@ -17,7 +17,7 @@ from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.from_model import from_model
-from maax_mjx.modules.placed import Places
+from maax_mjx.modules.placed import MOST, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.worldgen import Obj, ObjFromXML
@@ -200,13 +200,13 @@ class Agents(Entities):
 def _check_teams(n_agents: int | Mapping[str, int | tuple[int, int]]) -> dict[str, tuple[int, int]]:
     """Returns the smallest and the largest number of every team, by name."""
     if not isinstance(n_agents, Mapping):
-        n = check_count("n_agents", n_agents, minimum=1)
+        n = check_count("n_agents", n_agents, 1, MOST)
         return {"agents": (n, n)}
     if not n_agents:
         raise ValueError("n_agents: got no teams; takes at least one")
     for name, count in n_agents.items():
         if not isinstance(name, str) or not name.isidentifier():
             raise ValueError(f"n_agents: got a team named {name!r}; takes names that are Python identifiers")
-        if not check_count_range(f"n_agents[{name!r}]", count)[1]:
+        if not check_count_range(f"n_agents[{name!r}]", count, 0, MOST)[1]:
             raise ValueError(f"n_agents: got no agents in team {name!r}; takes at least one, or leave the team out")
-    return {name: check_count_range(f"n_agents[{name!r}]", count) for name, count in n_agents.items()}
+    return {name: check_count_range(f"n_agents[{name!r}]", count, 0, MOST) for name, count in n_agents.items()}

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
+from maax_mjx.common.annotated import check_fields, check_value, field_kinds
 from maax_mjx.common.checks import check_choice
 
 C = TypeVar("C")
 
 
-def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
+@dataclass(frozen=True)
+class Config:
+    """A config whose fields are held against their annotations as it is made.
+
+    Raises:
+        ValueError: a value that a field's annotation does not allow; the message names the field.
+    """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def override(config: C, overrides: Mapping[str, Any], where: str, path: str = "") -> C:
     """Returns the config with some fields changed.
 
     Args:
@@ -19,9 +32,10 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
         overrides: values by name: "n_boxes", or "world_params.gravity" for a field of a field, "teams.players"
             for an item of a mapping.
         where: name of the config in messages.
+        path: dotted name of the config within the outermost one, with a dot at its end, in messages.
 
     Raises:
-        ValueError: an unknown name; the message suggests the nearest ones.
+        ValueError: an unknown name, with the nearest ones, or a value that the field's annotation does not allow.
     """
     for name, value in overrides.items():
         head, dot, rest = name.partition(".")
@@ -34,7 +48,11 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
             continue
         if dot and (not is_dataclass(inner) or isinstance(inner, type)):
             raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
-        config = replace(config, **{head: override(inner, {rest: value}, f"{where}, {head}") if dot else value})  # type: ignore[type-var]
+        if dot:
+            value = override(inner, {rest: value}, f"{where}, {head}", f"{path}{head}.")
+        else:
+            check_value(path + name, value, field_kinds(type(config))[name])
+        config = replace(config, **{head: value})  # type: ignore[type-var]
     return config
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from maax_mjx.common.annotated import check_fields
 from maax_mjx.common.checks import check_choice, check_key, check_new_name
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.spaces import check_action
@@ -37,10 +38,12 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     Args:
         name: a new name.
         build: function that makes the environment from a config.
-        config: a frozen dataclass whose fields all have defaults, which `make` can override.
+        config: a frozen dataclass whose fields all have defaults, which `make` can override; their values are held
+            against the annotations.
 
     Raises:
-        ValueError: a name that is taken, or a config that is not such a class.
+        ValueError: a name that is taken, a config that is not such a class, or defaults that its annotations do not
+            allow.
     """
     check_new_name(name, _TASKS)
     if not callable(build):
@@ -48,7 +51,7 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         raise ValueError(f"config: got {config!r}; takes a class made by dataclass(frozen=True)")
     try:
-        config()
+        check_fields(config())
     except TypeError as error:
         raise ValueError(
             f"config: {config.__name__} has fields without defaults ({error}); takes one without"
@@ -85,7 +88,9 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
     if config is not None and not isinstance(config, type(defaults)):
         got = f"the class {config.__name__}" if isinstance(config, type) else type(config).__name__
         raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
-    env = _TASKS[name].build(override(defaults if config is None else config, overrides, f"make({name!r})"))
+    config = override(defaults if config is None else config, overrides, f"make({name!r})")
+    check_fields(config)
+    env = _TASKS[name].build(config)
     if not isinstance(env, Environment):
         raise ValueError(f"build: got {env!r} from that of {name!r}; takes a function from a config to an environment")
     return env

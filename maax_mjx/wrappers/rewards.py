@@ -19,6 +19,8 @@ from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import RewardWrapper
 
 REW_TYPES = ("selfish", "team_mean", "team_zero_sum")
+CATCHES = ("contact", "vision")
+"""What catches a hider."""
 
 
 class RestrictAgentsRect(RewardWrapper):
@@ -94,7 +96,7 @@ class HideAndSeekReward(RewardWrapper):
         super().__init__(env)
         self.rew_type = check_choice("rew_type", rew_type, REW_TYPES)
         self.scale = check_positive("scale", scale)
-        self.by = check_choice("by", by, ("contact", "vision"))
+        self.by = check_choice("by", by, CATCHES)
         self.inner(AgentAgentContactMask2D if by == "contact" else LineOfSight)
         teams = self.inner(TeamMembership)
         self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)

@@ -54,10 +54,11 @@ def in_quadrant(*walls):
     return base(1, *walls, Agents(1, maax.quad_placement))
 
 
-COUNT = "takes a whole number of at least 0, or (low, high) with low <= high"
+COUNT = "takes a whole number in [0, 10000], or (low, high) with low <= high"
+MOST = "takes a whole number in [1, 10000]"
 ONE = "takes a whole number of at least 1"
 POSITIVE = "takes a positive number"
-NO_QUAD = ("placement_fn: Agents", "there is none", 'add WallScenarios(scenario="quad")')
+NO_QUAD = ("placement_fn: got", "Agents", "there is none", 'add WallScenarios(scenario="quad")')
 NO_DOOR = ("door_size: got 15 cells", "takes 0 to 13")
 NO_ROOM = ("boxes: got 54 objects", "50 boxes", "the floor takes 46", "754 free")
 COLOURS = "takes 2 colours of four numbers in [0, 1], one each"
@@ -73,10 +74,10 @@ CONSTRUCTION = {
     "boxes reversed": (lambda: Boxes((3, 1)), "n_boxes: got (3, 1)", COUNT),
     "boxes fraction": (lambda: Boxes(1.5), "n_boxes: got 1.5", COUNT),
     "boxes three numbers": (lambda: Boxes((0, 1, 2)), "n_boxes: got (0, 1, 2)", COUNT),
-    "agents none": (lambda: Agents(0), "n_agents: got 0", ONE),
-    "agents range": (lambda: Agents((1, 2)), "n_agents: got (1, 2)", ONE),
-    "base agents": (lambda: Base(-1), "n_agents: got -1", ONE),
-    "seekers": (lambda: standard(n_seekers=1.5), "n_seekers: got 1.5", "takes a whole number of at least 0"),
+    "agents none": (lambda: Agents(0), "n_agents: got 0", MOST),
+    "agents range": (lambda: Agents((1, 2)), "n_agents: got (1, 2)", MOST),
+    "base agents": (lambda: Base(-1), "n_agents: got -1", MOST),
+    "seekers": (lambda: standard(n_seekers=1.5), "n_seekers: got 1.5", COUNT),
     "no team": (lambda: standard(n_hiders=0, n_seekers=0), "n_hiders, n_seekers: got 0 and 0", "at least one agent"),
     "agents disagree": (lambda: base(2, Agents(3)), "n_agents", "Base got 2, Agents got 3", "both take the same"),
     "placement list": (lambda: Boxes(2, [maax.uniform_placement]), "placement_fn: got a list of 1", "a list of 2"),
@@ -138,7 +139,7 @@ CONSTRUCTION = {
     ),
     "horizon": (lambda: standard(horizon=0), "horizon: got 0", ONE),
     "n_frames": (lambda: standard(n_frames=0), "n_frames: got 0", ONE),
-    "grid_size": (lambda: standard(grid_size=7), "grid_size: got 7", "takes a whole number of at least 8"),
+    "grid_size": (lambda: standard(grid_size=7), "grid_size: got 7", "takes a whole number in [8, 1000]"),
     "floor_size": (lambda: standard(floor_size=0), "floor_size: got 0", POSITIVE),
     "floor_size nan": (lambda: standard(floor_size=NAN), "floor_size: got nan", POSITIVE),
     "impl": (lambda: maax.make("standard", impl="nonsense"), "impl: got 'nonsense'", "takes one of", "'c'", "'jax'"),

@@ -45,7 +45,7 @@ def test_a_users_engine_steps_the_game():
         (lambda: maax.register_engine("c", make_halved), r"name: got 'c'; takes a name that is not taken"),
         (lambda: maax.register_engine("auto", make_halved), r"name: got 'auto'"),
         (lambda: maax.register_engine("mine", "engine"), r"make: got 'engine'; takes a function"),
-        (lambda: maax.make("tag", impl="wrap"), r"impl: got 'wrap'; takes one of .* \(did you mean 'warp'"),
+        (lambda: maax.make("tag", impl="wrap"), "impl: got 'wrap'; did you mean 'warp'.*takes one of "),
     ],
 )
 def test_what_is_refused(register, says):
