@@ -163,7 +163,10 @@ def _allows(kind: Any, value: Any, rule: Rule = None) -> bool:
         return isinstance(value, Mapping) and all(_allows(key, k) and _allows(item, value[k], rule) for k in value)
     if kind is Callable or origin is Callable:
         return callable(value)
-    return isinstance(value, kind) if isinstance(kind, type) and kind is not object else True
+    try:
+        return isinstance(value, kind)
+    except TypeError:  # Any, type variables, protocols: nothing that a value can be held against.
+        return True
 
 
 def _allows_items(kinds: tuple[Any, ...], value: Sequence[Any], rule: Rule) -> bool:

@@ -28,6 +28,17 @@ def described(value: Any) -> str:
     return repr(value) if value is None or isinstance(value, str | int | float) else type(value).__name__
 
 
+def is_real_array(value: Any) -> bool:
+    """Whether it is an array, or a tracer of one, of real numbers or booleans."""
+    dtype = getattr(value, "dtype", None)
+    return dtype is not None and any(jnp.issubdtype(dtype, kind) for kind in (jnp.bool_, jnp.integer, jnp.floating))
+
+
+def array_words(value: Any) -> str:
+    """Returns a short text for what may be an array: its dtype and shape, else its type."""
+    return f"{value.dtype}{list(jnp.shape(value))}" if hasattr(value, "dtype") else f"a {type(value).__name__}"
+
+
 def check_count(name: str, value: Any, minimum: int = 0, maximum: float = np.inf) -> int:
     """Returns a whole number from `minimum` to `maximum`; infinity stands for the largest of 32 bits."""
     check_value(name, value, Annotated[int, Bounds(minimum, maximum)])

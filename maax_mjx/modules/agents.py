@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.common.checks import check_count, check_count_range
+from maax_mjx.common.checks import check_bool, check_count, check_count_range
 from maax_mjx.common.colours import GREY, TEAM_COLOURS, Colour
 from maax_mjx.common.keys import named_keys
 from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Column, Observed
@@ -81,7 +81,7 @@ class Agents(Entities):
         )
         self.damping = Ranged("agent_damping", damping, argument="damping")
         self.gear = Ranged("agent_gear", gear, above=True, argument="gear")
-        self.polar_obs = polar_obs
+        self.polar_obs = check_bool("polar_obs", polar_obs)
         colors = self._team_colours() if colors is None else colors
         try:
             self.colors = np.asarray(colors, float)

@@ -51,11 +51,12 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         raise ValueError(f"config: got {config!r}; takes a class made by dataclass(frozen=True)")
     try:
-        check_fields(config())
+        defaults = config()
     except TypeError as error:
         raise ValueError(
-            f"config: {config.__name__} has fields without defaults ({error}); takes one without"
+            f"config: got {config.__name__}, with fields without defaults ({error}); takes one without"
         ) from None
+    check_fields(defaults)
     _TASKS[name] = Task(build, config)
 
 

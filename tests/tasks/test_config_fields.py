@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from types import NoneType
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 import pytest
@@ -129,6 +130,8 @@ def test_a_users_own_config_is_held_to_its_annotations():
         (Annotated[int | tuple[int, int], Bounds(0, 9)], [3, (0, 9), [2, 2]], [(3, 1), (0, 10), (1,), (1, 2.0), 10]),
         (tuple[float, float] | None, [None, (3, 1)], [(1,), 3, "ab"]),
         (tuple[str, ...], [(), ("a", "b"), ["a"]], ["a", (1,)]),
+        (Any, [1, "a", None], []),
+        (int | Callable[[int], int], [3, len], ["len"]),
         (dict[str, int], [{}, {"a": 1}], [{1: 1}, {"a": 1.5}, [("a", 1)]]),
     ],
 )
