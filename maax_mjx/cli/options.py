@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from types import NoneType
 from typing import Any, Literal, get_args
@@ -20,6 +20,18 @@ MISTAKES = (ValueError, OSError, maax.MissingLibraryError)
 def names(choices: Iterable[str]) -> Any:
     """Returns the type of an option that takes one of some names, which Tab completes."""
     return Literal[tuple(choices)]
+
+
+def check_words(argv: Sequence[str]) -> None:
+    """Refuses empty values, which an option would take for something: a path for the working directory.
+
+    Raises:
+        ValueError: an empty value; the message names its option.
+    """
+    for name, value in (word.split("=", 1) if "=" in word else ("", word) for word in argv):
+        if not value:
+            name = name or argv[list(argv).index("") - 1]
+            raise ValueError(f"{name.removeprefix('--')}: got an empty value; takes one, or leave the option out")
 
 
 def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
