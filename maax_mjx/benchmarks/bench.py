@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_positive
+from maax_mjx.common.annotated import Positive, check_fields
+from maax_mjx.common.progress import progress
 
 
 @dataclass
@@ -26,7 +27,7 @@ class Options:
         out: JSON file to write; rows that it has already are not measured again. Nothing is written without one.
     """
 
-    max_minutes: float | None = None
+    max_minutes: Positive | None = None
     out: Path | None = None
 
     def check(self) -> None:
@@ -35,8 +36,7 @@ class Options:
         Raises:
             ValueError: naming the option.
         """
-        if self.max_minutes is not None:
-            check_positive("max_minutes", self.max_minutes)
+        check_fields(self)
 
 
 C = TypeVar("C")
@@ -142,7 +142,7 @@ def remaining(cases: Iterable[Case], rows: Sequence[Any], max_minutes: float | N
     """
     begun = time.monotonic()
     todo = [case for case in cases if not any(_is_of(row, case) for row in rows)]
-    for i, case in enumerate(tqdm(todo, unit="row", leave=False)):
+    for i, case in enumerate(progress(todo, "measuring", unit="row", leave=False)):
         if max_minutes is not None and time.monotonic() - begun > 60 * max_minutes:
             tqdm.write(f"stopped after {max_minutes:g} minutes with {len(todo) - i} rows to go; run again to go on")
             return

@@ -20,7 +20,7 @@ from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import draw_actions, env_roll
 from maax_mjx.benchmarks.traces import IDLE, attribute, shares_of, trace
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
 
 REST, RESET = "the rest", "layout and reset"
 PARTS = {
@@ -55,15 +55,11 @@ class Config(Options):
 
     env: tuple[str, ...] = ("hide_and_seek", "hide_and_seek_full")
     impl: tuple[str, ...] = ("c",)
-    worlds: tuple[int, ...] = (256,)
-    steps: int = 120
-    traced: int = 60
-    horizon: int = 240
-    held: int = 20
-
-    def check(self) -> None:
-        super().check()
-        check_count("traced", self.traced, minimum=1)
+    worlds: tuple[PositiveCount, ...] = (256,)
+    steps: PositiveCount = 120
+    traced: PositiveCount = 60
+    horizon: PositiveCount = 240
+    held: PositiveCount = 20
 
 
 @dataclass(frozen=True)

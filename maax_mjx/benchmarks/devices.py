@@ -22,7 +22,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.bench import Command, Options, command_line, fill
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
 
 
 @dataclass
@@ -43,19 +43,14 @@ class Config(Options):
 
     env: str = "hide_and_seek"
     impl: tuple[str, ...] = ("warp",)
-    worlds: int = 16_384
-    devices: tuple[int, ...] = (2,)
+    worlds: PositiveCount = 16_384
+    devices: tuple[PositiveCount, ...] = (2,)
     method: tuple[str, ...] = ("shard_map", "pmap")
     processes: bool = True
-    steps: int = 200
-    rollouts: int = 5
-    rank: int | None = None
+    steps: PositiveCount = 200
+    rollouts: PositiveCount = 5
+    rank: PositiveCount | None = None
     coordinator: str | None = None
-
-    def check(self) -> None:
-        super().check()
-        for name in ("worlds", "steps", "rollouts"):
-            check_count(name, getattr(self, name), minimum=1)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ from maax_mjx.benchmarks.bench import Command, fill
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.rollouts import Figures, Protocol, Rolling
 from maax_mjx.benchmarks.stepping import Actions, at
-from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.checks import check_choice
 from maax_mjx.core.env import Base
 from maax_mjx.core.faults import find_fault
 from maax_mjx.core.state import State
@@ -57,16 +58,14 @@ class Config(Protocol):
     """
 
     engines: tuple[str, ...] = ("c", "jax")
-    worlds: tuple[int, ...] = (4096,)
-    iterations: tuple[int, ...] = (20, 5)
-    held: tuple[int, ...] = (1, 20)
+    worlds: tuple[PositiveCount, ...] = (4096,)
+    iterations: tuple[PositiveCount, ...] = (20, 5)
+    held: tuple[PositiveCount, ...] = (1, 20)
 
     def check(self) -> None:
         super().check()
         for engine in self.engines:
             check_choice("engines", engine, ENGINES)
-        for count in (*self.worlds, *self.iterations, *self.held):
-            check_count("worlds, iterations, held", count, minimum=1)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import DISTINCT, c_batch, draw_actions
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.core.env import Base
 from maax_mjx.core.faults import AGENT_CEILING
 from maax_mjx.core.state import State
@@ -52,15 +52,13 @@ class Config(Options):
     """
 
     impl: tuple[str, ...] = ("c", "jax")
-    iterations: tuple[int, ...] = (20, 5, 10, 1, 3)
-    worlds: int = 64
-    steps: int = 200
-    every: int = 10
+    iterations: tuple[PositiveCount, ...] = (20, 5, 10, 1, 3)
+    worlds: PositiveCount = 64
+    steps: PositiveCount = 200
+    every: PositiveCount = 10
 
     def check(self) -> None:
         super().check()
-        for name in ("worlds", "steps", "every"):
-            check_count(name, getattr(self, name), minimum=1)
         for impl in self.impl:
             check_impl(impl)
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
 
 PROCESS = """
 import json, sys, time
@@ -48,12 +48,7 @@ class Config(Options):
 
     env: tuple[str, ...] = ("standard", "hide_and_seek", "hide_and_seek_full")
     impl: tuple[str, ...] = ("c", "jax")
-    worlds: tuple[int, ...] = (256,)
-
-    def check(self) -> None:
-        super().check()
-        for n_worlds in self.worlds:
-            check_count("worlds", n_worlds, minimum=1)
+    worlds: tuple[PositiveCount, ...] = (256,)
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,13 @@ from functools import cache
 import jax
 import mujoco
 import numpy as np
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.annotated import Count, PositiveCount
+from maax_mjx.common.checks import check_positive
+from maax_mjx.common.progress import progress
 from maax_mjx.core.env import Base
 from maax_mjx.wrappers.equalities import add_equality
 from maax_mjx.wrappers.grabs.slots import GrabSlots
@@ -49,22 +50,18 @@ class Config(Options):
         seed: of the forces.
     """
 
-    steps: int = 20_000
-    held: int = 20
+    steps: PositiveCount = 20_000
+    held: PositiveCount = 20
     stiffness: tuple[float, ...] = (1000.0, 2000.0, 5000.0, 10_000.0, 15_000.0)
     damping: float = 15.0
-    frames: tuple[int, ...] = (1, 15)
-    seed: int = 0
+    frames: tuple[PositiveCount, ...] = (1, 15)
+    seed: Count = 0
 
     def check(self) -> None:
         super().check()
-        check_count("steps", self.steps, minimum=1)
-        check_count("held", self.held, minimum=1)
         check_positive("damping", self.damping)
         for stiffness in self.stiffness:
             check_positive("stiffness", stiffness)
-        for frames in self.frames:
-            check_count("frames", frames, minimum=1)
 
 
 @dataclass(frozen=True)
@@ -193,7 +190,7 @@ def measure(case: Case, config: Config) -> Row:
     forces = np.random.default_rng(config.seed).choice([-1.0, 1.0], (-(-config.steps // config.held), 2))
     motors = [model.actuator(f"{AGENT}:{axis}").id for axis in "xy"]
     offsets, spent = [], []
-    for i in tqdm(range(config.steps), desc=case.method, unit="step", leave=False):
+    for i in progress(range(config.steps), desc=case.method, unit="step", leave=False):
         data.ctrl[motors] = forces[i // config.held]
         if case.stiffness is not None and case.frames is not None and i % case.frames == 0:
             carrier.pull(case.stiffness, config.damping)

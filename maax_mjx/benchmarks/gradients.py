@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
 
 WAYS: dict[str, Callable[[Callable[..., Any]], Callable[..., Any]]] = {
     "forward": lambda end: end,
@@ -32,13 +32,8 @@ class Config(Options):
         repeats: of the timing, of which the mean is reported.
     """
 
-    steps: int = 20
-    repeats: int = 10
-
-    def check(self) -> None:
-        super().check()
-        check_count("steps", self.steps, minimum=1)
-        check_count("repeats", self.repeats, minimum=1)
+    steps: PositiveCount = 20
+    repeats: PositiveCount = 10
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from itertools import product
 import jax
 import jax.numpy as jnp
 from flax import struct
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.progress import progress
 from maax_mjx.parallel import WorldsState
 
 CHUNK = 50
@@ -87,11 +88,11 @@ class Config(Options):
     """
 
     impl: tuple[str, ...] = ("c",)
-    worlds: int = 1000
-    steps: int = 1000
-    held: tuple[int, ...] = (1, 20, 100, 1000)
+    worlds: PositiveCount = 1000
+    steps: PositiveCount = 1000
+    held: tuple[PositiveCount, ...] = (1, 20, 100, 1000)
     gravity: tuple[float, ...] = (-9.81, -50.0)
-    contacts_per_world: int | None = None
+    contacts_per_world: PositiveCount | None = None
 
     def check(self) -> None:
         super().check()
@@ -154,7 +155,7 @@ def measure(case: Case, config: Config) -> Row:
     states, seen = worlds.reset(jax.random.key(0)), Seen.nothing()
     named = f"{case.impl} g {case.gravity} held {case.held}"
     begun = time.perf_counter()
-    for steps in tqdm(jnp.arange(case.steps).reshape(-1, CHUNK), desc=named, unit=f"{CHUNK} steps", leave=False):
+    for steps in progress(jnp.arange(case.steps).reshape(-1, CHUNK), desc=named, unit=f"{CHUNK} steps", leave=False):
         states, seen = jax.block_until_ready(play(states, seen, steps, case.held))
     rate = case.worlds * case.steps / (time.perf_counter() - begun)
     counts = states.totals()

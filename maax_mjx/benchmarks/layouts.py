@@ -17,13 +17,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import Actions, at, bare_roll, draw_actions
-from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.checks import check_choice
+from maax_mjx.common.progress import progress
 from maax_mjx.core.env import Base
 from maax_mjx.core.state import State
 
@@ -53,15 +54,13 @@ class Config(Options):
 
     impl: tuple[str, ...] = ("c",)
     scenes: tuple[str, ...] = ("M",)
-    worlds: tuple[int, ...] = (256,)
-    rounds: int = 9
-    steps: int = 20
+    worlds: tuple[PositiveCount, ...] = (256,)
+    rounds: PositiveCount = 9
+    steps: PositiveCount = 20
     bare: bool = False
 
     def check(self) -> None:
         super().check()
-        for name in ("rounds", "steps"):
-            check_count(name, getattr(self, name), minimum=1)
         for scene in self.scenes:
             check_choice("scenes", scene, SCENES)
 
@@ -144,7 +143,7 @@ def measure(case: Case, config: Config) -> Row:
 
     spent: dict[str, list[float]] = {"reset": [], **{name: [] for name in rolls}}
     invalid = 0
-    for i in tqdm(range(config.rounds), desc=f"{case.impl} {case.scene} {n_worlds}", unit="round", leave=False):
+    for i in progress(range(config.rounds), desc=f"{case.impl} {case.scene} {n_worlds}", unit="round", leave=False):
         begun = time.perf_counter()
         states = jax.block_until_ready(reset(keys[i], params))
         spent["reset"].append(time.perf_counter() - begun)

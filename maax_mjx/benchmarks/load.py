@@ -20,7 +20,8 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import plots, plots_worlds
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.annotated import Count, PositiveCount
+from maax_mjx.common.checks import check_positive
 from maax_mjx.physics import check_impl
 
 CELLS_PER_METRE = 5
@@ -44,14 +45,13 @@ class Config(Options):
 
     impl: tuple[str, ...] = ("c",)
     edges: tuple[float, ...] = (6.0, 12.0, 24.0, 48.0)
-    boxes: tuple[int, ...] = (0, 1, 2, 5, 10, 15, 20)
+    boxes: tuple[Count, ...] = (0, 1, 2, 5, 10, 15, 20)
     dense_edges: tuple[float, ...] = (4.0, 6.0, 8.0, 12.0)
     density: float = 0.25
-    rounds: int = 3
+    rounds: PositiveCount = 3
 
     def check(self) -> None:
         super().check()
-        check_count("rounds", self.rounds, minimum=1)
         check_positive("density", self.density)
         for impl in self.impl:
             check_impl(impl)

@@ -34,7 +34,7 @@ import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.bench import Command, Options, command_line, fill
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.common.runtime import is_out_of_memory
 
 LARGEST = "largest"
@@ -58,16 +58,10 @@ class Config(Options):
 
     env: tuple[str, ...] = ("standard", "hide_and_seek", "hide_and_seek_full")
     impl: tuple[str, ...] = ("c",)
-    worlds: tuple[int, ...] = (256, 1024, 4096)
+    worlds: tuple[PositiveCount, ...] = (256, 1024, 4096)
     largest: bool = False
-    most: int = 2**20
+    most: PositiveCount = 2**20
     separate: bool | None = None
-
-    def check(self) -> None:
-        super().check()
-        for n_worlds in self.worlds:
-            check_count("worlds", n_worlds, minimum=1)
-        check_count("most", self.most, minimum=1)
 
 
 @dataclass(frozen=True)

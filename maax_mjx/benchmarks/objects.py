@@ -16,7 +16,8 @@ from maax_mjx.benchmarks import load, rollouts
 from maax_mjx.benchmarks.bench import benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.rollouts import WHAT, Figures, Protocol, Rolling
-from maax_mjx.common.checks import check_choice, check_count, check_positive
+from maax_mjx.common.annotated import Count, PositiveCount
+from maax_mjx.common.checks import check_choice, check_positive
 from maax_mjx.core.env import Base
 from maax_mjx.modules.walls import OUTER
 from maax_mjx.physics import check_impl
@@ -44,9 +45,9 @@ class Config(Protocol):
 
     impl: tuple[str, ...] = ("c",)
     what: str = "env"
-    worlds: int = 256
+    worlds: PositiveCount = 256
     sweeps: tuple[str, ...] = SWEEPS
-    counts: tuple[int, ...] = (0, 9, 3, 6, 1, 7, 5, 2, 8, 4)
+    counts: tuple[Count, ...] = (0, 9, 3, 6, 1, 7, 5, 2, 8, 4)
     outer: tuple[str, ...] = ("walls", "none")
     joints: tuple[str, ...] = JOINTS
     edges: tuple[float, ...] = (4.0, 6.0, 8.0, 10.0, 12.0)
@@ -56,8 +57,6 @@ class Config(Protocol):
         super().check()
         check_choice("what", self.what, WHAT)
         check_positive("density", self.density)
-        for count in (self.worlds, *self.counts):
-            check_count("worlds, counts", count)
         for impl in self.impl:
             check_impl(impl)
         for name, choices in (("sweeps", SWEEPS), ("outer", OUTER), ("joints", JOINTS)):

@@ -13,13 +13,14 @@ from itertools import product
 
 import jax
 import jax.numpy as jnp
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import Roll, draw_actions, env_roll
+from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.common.checks import check_count
+from maax_mjx.common.progress import progress
 from maax_mjx.modules.walls import OUTER
 
 ROUNDS = 8
@@ -38,9 +39,9 @@ class Config(Options):
     """
 
     impl: tuple[str, ...] = ("c",)
-    worlds: int = 256
-    steps: int = 800
-    held: tuple[int, ...] = (1, 20)
+    worlds: PositiveCount = 256
+    steps: PositiveCount = 800
+    held: tuple[PositiveCount, ...] = (1, 20)
 
     def check(self) -> None:
         super().check()
@@ -110,7 +111,7 @@ def timed(impl: str, n_worlds: int, held: int, steps: int) -> dict[str, Turns]:
     latest = {outer: worlds.reset(jax.random.key(0), stagger=True) for outer, (worlds, _) in batches.items()}
     spent = dict.fromkeys(batches, 0.0)
     turns = jnp.arange(steps // ROUNDS * ROUNDS).reshape(ROUNDS, -1)
-    for turn in tqdm(turns, desc=f"{impl} held {held}", unit="turn", leave=False):
+    for turn in progress(turns, desc=f"{impl} held {held}", unit="turn", leave=False):
         for outer, (_, roll) in batches.items():
             begun = time.perf_counter()
             latest[outer] = jax.block_until_ready(roll(latest[outer], actions, turn, held))

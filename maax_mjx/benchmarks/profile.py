@@ -17,7 +17,8 @@ from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import draw_actions, mjx_roll
 from maax_mjx.benchmarks.traces import attribute, shares_of, trace
-from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.common.annotated import Count, PositiveCount
+from maax_mjx.common.checks import check_choice
 
 if TYPE_CHECKING:
     from maax_mjx.physics.mjx_engine import MjxEngine
@@ -41,16 +42,15 @@ class Config(Options):
         traced: steps under the profiler.
     """
 
-    worlds: tuple[int, ...] = (16_384,)
-    contacts: tuple[int, ...] = (0,)
+    worlds: tuple[PositiveCount, ...] = (16_384,)
+    contacts: tuple[Count, ...] = (0,)
     solver: tuple[str, ...] = SOLVERS
-    held: int = 20
-    steps: int = 120
-    traced: int = 20
+    held: PositiveCount = 20
+    steps: PositiveCount = 120
+    traced: PositiveCount = 20
 
     def check(self) -> None:
         super().check()
-        check_count("traced", self.traced, minimum=1)
         for solver in self.solver:
             check_choice("solver", solver, SOLVERS)
 

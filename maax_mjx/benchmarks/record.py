@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import jax
 
 from maax_mjx.common.runtime import cores
+from maax_mjx.common.whole import whole
 
 CHECKOUT = Path(__file__).parents[2]
 """Folder of the git checkout that the package is in, if it is in one."""
@@ -88,10 +89,9 @@ def write(path: Path | None, rows: Sequence[Measured]) -> None:
         # Last, so that a reader of the file meets the figures first.
         values["measured"] = values.pop("measured")
         listed.append(values)
-    # A run may be killed at any moment; renaming is atomic.
-    unfinished = path.with_suffix(".unfinished")
-    unfinished.write_text(json.dumps({"conditions": conditions(), "rows": listed}, indent=1, default=str) + "\n")
-    unfinished.replace(path)
+    # A run may be killed at any moment.
+    with whole(path) as part:
+        part.write_text(json.dumps({"conditions": conditions(), "rows": listed}, indent=1, default=str) + "\n")
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -30,7 +30,8 @@ from maax_mjx.benchmarks.stepping import (
     env_roll,
     mjx_roll,
 )
-from maax_mjx.common.checks import check_choice, check_count, check_positive
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.checks import check_choice, check_positive
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel import WorldsState
 from maax_mjx.physics import make_engine
@@ -54,16 +55,14 @@ class Protocol(Options):
         max_seconds: after so long no further rollout of a row is begun; the row says how many there were.
     """
 
-    steps: int = 1000
-    large: int = 4096
-    large_steps: int = 100
-    rollouts: int = 5
+    steps: PositiveCount = 1000
+    large: PositiveCount = 4096
+    large_steps: PositiveCount = 100
+    rollouts: PositiveCount = 5
     max_seconds: float = 120.0
 
     def check(self) -> None:
         super().check()
-        for name in ("steps", "large", "large_steps", "rollouts"):
-            check_count(name, getattr(self, name), minimum=1)
         check_positive("max_seconds", self.max_seconds)
 
     def steps_of(self, n_worlds: int) -> int:

@@ -23,7 +23,8 @@ import numpy as np
 from maax_mjx.benchmarks import plots, plots_worlds
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.checks import check_positive
 from maax_mjx.layout import Layout, poisson_disc, separation_placement
 
 POINT = "point"
@@ -49,10 +50,10 @@ class Config(Options):
     densities: tuple[float, ...] = (0.3, 0.1, 0.2, 0.4, 0.5, 0.6, 0.7)
     full_edge: float = 6.0
     radius: float = 0.5
-    tries: int = 30
+    tries: PositiveCount = 30
     cell: float = 0.2
-    worlds: tuple[int, ...] = (1, 256)
-    rounds: int = 7
+    worlds: tuple[PositiveCount, ...] = (1, 256)
+    rounds: PositiveCount = 7
 
     def check(self) -> None:
         super().check()
@@ -61,8 +62,6 @@ class Config(Options):
         for name in ("edges", "densities"):
             for value in getattr(self, name):
                 check_positive(name, value)
-        for name in ("tries", "rounds"):
-            check_count(name, getattr(self, name), minimum=1)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from maax_mjx.benchmarks.ant import CONTACTS, ant
 from maax_mjx.benchmarks.bench import benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.rollouts import WHAT, Figures, Protocol, Rolling
-from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.checks import check_choice
 from maax_mjx.physics import check_impl
 
 SCENES = {"M": "walls", "M-none": "none", "M-limits": "limits", "Ant": ""}
@@ -40,9 +41,9 @@ class Config(Protocol):
     impl: tuple[str, ...] = ("c",)
     scenes: tuple[str, ...] = ("M", "M-none", "Ant")
     what: tuple[str, ...] = WHAT
-    worlds: tuple[int, ...] = (131_072, 32_768, 8192, 2048, 512, 128, 32, 8, 2)
-    iterations: tuple[int, ...] = (20,)
-    held: int = 1
+    worlds: tuple[PositiveCount, ...] = (131_072, 32_768, 8192, 2048, 512, 128, 32, 8, 2)
+    iterations: tuple[PositiveCount, ...] = (20,)
+    held: PositiveCount = 1
 
     def check(self) -> None:
         super().check()
@@ -52,8 +53,6 @@ class Config(Protocol):
             check_choice("scenes", scene, SCENES)
         for what in self.what:
             check_choice("what", what, WHAT)
-        for count in (*self.worlds, *self.iterations):
-            check_count("worlds, iterations", count, minimum=1)
 
 
 @dataclass(frozen=True)

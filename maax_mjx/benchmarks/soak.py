@@ -13,13 +13,13 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 from flax import struct
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.bench import Command, Options
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.progress import progress
 from maax_mjx.parallel import WorldsState
 
 COUNTS = ("episodes", "physics_fault", "contact_overflow", "layout_invalid")
@@ -43,17 +43,12 @@ class Config(Options):
 
     env: str = "hide_and_seek"
     impl: str = "warp"
-    worlds: int = 16_384
+    worlds: PositiveCount = 16_384
     physics_steps: float = 1e9
-    held: int = 20
-    chunk: int = 100
-    every: int = 10
+    held: PositiveCount = 20
+    chunk: PositiveCount = 100
+    every: PositiveCount = 10
     folder: Path = Path("soak")
-
-    def check(self) -> None:
-        super().check()
-        for name in ("worlds", "held", "chunk", "every"):
-            check_count(name, getattr(self, name), minimum=1)
 
 
 class Tally(struct.PyTreeNode):
@@ -141,7 +136,8 @@ def main(config: Config) -> None:
         tally, runs = others["tally"], int(others["runs"]) + 1
     per_step = config.worlds * env.base.n_frames
     begun, chunks = time.monotonic(), 0
-    with tqdm(total=int(config.physics_steps), initial=int(tally.env_steps) * per_step, unit_scale=True) as bar:
+    total, done = int(config.physics_steps), int(tally.env_steps) * per_step
+    with progress(None, "soak", total=total, initial=done, unit_scale=True) as bar:
         while bar.n < config.physics_steps and not _over(begun, config.max_minutes):
             start = time.perf_counter()
             states, bad = jax.block_until_ready(play(states, tally.env_steps))

@@ -17,13 +17,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import Roll, bare_roll, draw_actions, env_roll
-from maax_mjx.common.checks import check_count, check_positive
+from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.checks import check_positive
+from maax_mjx.common.progress import progress
 
 ROUNDS = 8
 """Turns of env steps and bare steps in one measurement."""
@@ -50,20 +51,16 @@ class Config(Options):
 
     env: tuple[str, ...] = ("standard",)
     impl: tuple[str, ...] = ("c", "jax")
-    worlds: tuple[int, ...] = (256,)
-    steps: int = 1200
+    worlds: tuple[PositiveCount, ...] = (256,)
+    steps: PositiveCount = 1200
     max_world_steps: float = 2e7
-    horizon: int = 1000
-    held: tuple[int, ...] = (1, 20)
-    contacts_per_world: int | None = None
+    horizon: PositiveCount = 1000
+    held: tuple[PositiveCount, ...] = (1, 20)
+    contacts_per_world: PositiveCount | None = None
 
     def check(self) -> None:
         super().check()
-        check_count("horizon", self.horizon, minimum=1)
         check_positive("max_world_steps", self.max_world_steps)
-        for name in ("worlds", "held"):
-            for value in getattr(self, name):
-                check_count(name, value, minimum=1)
 
 
 @dataclass(frozen=True)
@@ -160,7 +157,7 @@ def measure(case: Case, config: Config) -> Row:
     del states
     spent = {"env": 0.0, "bare": 0.0}
     named = f"{case.env} {case.impl} {case.worlds} {case.episodes} held {case.held}"
-    for steps in tqdm(jnp.arange(case.steps).reshape(ROUNDS, -1), desc=named, unit="turn", leave=False):
+    for steps in progress(jnp.arange(case.steps).reshape(ROUNDS, -1), desc=named, unit="turn", leave=False):
         for which, roll in batch.rolls.items():
             begun = time.perf_counter()
             latest[which] = jax.block_until_ready(roll(latest[which], actions, steps, case.held))

@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 
-from maax_mjx.cli.whole import UNFINISHED
+from maax_mjx.common.whole import UNFINISHED
 
 EXIT_CODE = 130
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ast
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from types import NoneType
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args
 
 import maax_mjx as maax
+from maax_mjx.common.annotated import field_kinds
 from maax_mjx.core.env import Environment
 
 ENV = "--env."
@@ -19,6 +20,18 @@ MISTAKES = (ValueError, OSError, maax.MissingLibraryError)
 def names(choices: Iterable[str]) -> Any:
     """Returns the type of an option that takes one of some names, which Tab completes."""
     return Literal[tuple(choices)]
+
+
+def check_words(argv: Sequence[str]) -> None:
+    """Refuses empty values, which an option would take for something: a path for the working directory.
+
+    Raises:
+        ValueError: an empty value; the message names its option.
+    """
+    for name, value in (word.split("=", 1) if "=" in word else ("", word) for word in argv):
+        if not value:
+            name = name or argv[list(argv).index("") - 1]
+            raise ValueError(f"{name.removeprefix('--')}: got an empty value; takes one, or leave the option out")
 
 
 def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
@@ -86,7 +99,7 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
 def _inner_configs(config: type) -> dict[str, type]:
     """Returns the classes of the fields that are configs or None."""
     found = {}
-    for field, hint in get_type_hints(config).items():
+    for field, hint in field_kinds(config).items():
         kinds = [kind for kind in get_args(hint) if isinstance(kind, type) and is_dataclass(kind)]
         if kinds and NoneType in get_args(hint):
             found[field] = kinds[0]

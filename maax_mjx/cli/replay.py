@@ -13,7 +13,7 @@ from PIL import Image
 import maax_mjx as maax
 from maax_mjx.cli.options import names, report
 from maax_mjx.cli.saved import load
-from maax_mjx.cli.whole import whole
+from maax_mjx.common.whole import whole
 from maax_mjx.viewer.render import VIEWS
 
 KINDS = (".html", ".mp4", ".gif", ".png")

@@ -18,8 +18,9 @@ import maax_mjx as maax
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import make_env, names, report
 from maax_mjx.cli.saved import save
-from maax_mjx.cli.whole import whole
 from maax_mjx.common.checks import check_count
+from maax_mjx.common.progress import progress
+from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
@@ -98,7 +99,7 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
         ) from None
     worlds = Worlds(env, args.worlds)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
-    bar = tqdm(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
+    bar = progress(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
     start = time.perf_counter()
     states = worlds.reset(world_key, stagger=True)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]

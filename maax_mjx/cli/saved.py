@@ -14,7 +14,7 @@ import numpy as np
 
 import maax_mjx as maax
 from maax_mjx.cli.options import make_env
-from maax_mjx.cli.whole import whole
+from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import Recording
 from maax_mjx.viewer.film import strip

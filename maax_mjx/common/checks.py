@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.annotated import Bounds, OneOf, check_value
+
 FloatRange = float | tuple[float, float]
 FloatPair = tuple[float, float]
+LONG = 2**63 - 1
+"""Largest whole number of 64 bits, for numbers that stay on the host."""
 
 
 def is_traced(tree: Any) -> bool:
@@ -25,46 +28,46 @@ def described(value: Any) -> str:
     return repr(value) if value is None or isinstance(value, str | int | float) else type(value).__name__
 
 
-def check_count(name: str, value: Any, minimum: int = 0) -> int:
-    """Returns a whole number of at least `minimum`."""
-    if not _is_number(value, int, np.integer) or value < minimum:
-        raise ValueError(f"{name}: got {value!r}; takes a whole number of at least {minimum}")
+def is_real_array(value: Any) -> bool:
+    """Whether it is an array, or a tracer of one, of real numbers or booleans."""
+    dtype = getattr(value, "dtype", None)
+    return dtype is not None and any(jnp.issubdtype(dtype, kind) for kind in (jnp.bool_, jnp.integer, jnp.floating))
+
+
+def array_words(value: Any) -> str:
+    """Returns a short text for what may be an array: its dtype and shape, else its type."""
+    return f"{value.dtype}{list(jnp.shape(value))}" if hasattr(value, "dtype") else f"a {type(value).__name__}"
+
+
+def check_count(name: str, value: Any, minimum: int = 0, maximum: float = np.inf) -> int:
+    """Returns a whole number from `minimum` to `maximum`; infinity stands for the largest of 32 bits."""
+    check_value(name, value, Annotated[int, Bounds(minimum, maximum)])
     return int(value)
 
 
-def check_count_range(name: str, value: Any, minimum: int = 0) -> tuple[int, int]:
-    """Returns (low, high) of a whole number or a range with minimum <= low <= high."""
-    low, high = _pair(value)
-    if not _is_number(low, int, np.integer) or not _is_number(high, int, np.integer) or not minimum <= low <= high:
-        raise ValueError(
-            f"{name}: got {value!r}; takes a whole number of at least {minimum}, or (low, high) with low <= high"
-        )
+def check_count_range(name: str, value: Any, minimum: int = 0, maximum: float = np.inf) -> tuple[int, int]:
+    """Returns (low, high) of a whole number or a range with minimum <= low <= high <= maximum."""
+    check_value(name, value, Annotated[int | tuple[int, int], Bounds(minimum, maximum)])
+    low, high = pair_of(value)
     return int(low), int(high)
 
 
 def check_bool(name: str, value: Any) -> bool:
     """Returns True or False."""
-    if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"{name}: got {value!r}; takes True or False")
+    check_value(name, value, bool)
     return bool(value)
 
 
-def check_positive(name: str, value: Any) -> float:
-    """Returns a positive finite number."""
-    if not _is_number(value) or not 0 < value < np.inf:
-        raise ValueError(f"{name}: got {value!r}; takes a positive number")
+def check_positive(name: str, value: Any, maximum: float = np.inf) -> float:
+    """Returns a positive finite number, up to `maximum`."""
+    check_value(name, value, Annotated[float, Bounds(0, maximum, above=True)])
     return float(value)
 
 
 def check_range(name: str, value: Any, low: float = 0.0, high: float = np.inf, *, above: bool = False) -> FloatPair:
     """Returns (low, high) of a finite number in [low, high] or a range; `above` excludes the lower bound itself."""
-    pair = _pair(value)
-    inside = all(_is_number(v) and low <= v <= high and abs(v) < np.inf and not (above and v == low) for v in pair)
-    if not inside or not pair[0] <= pair[1]:
-        least = "a positive number" if above and low == 0 else f"a number of at least {low:g}"
-        least = least if low > -np.inf else "a finite number"
-        takes = least if high == np.inf else f"a number in [{low:g}, {high:g}]"
-        raise ValueError(f"{name}: got {value!r}; takes {takes}, or (low, high) with low <= high")
+    check_value(name, value, Annotated[FloatRange, Bounds(low, high, above)])
+    pair = pair_of(value)
     return float(pair[0]), float(pair[1])
 
 
@@ -73,24 +76,15 @@ def check_fraction(name: str, value: Any) -> FloatPair:
     return check_range(name, value, 0.0, 1.0)
 
 
-def _pair(value: Any) -> tuple[Any, Any]:
-    """Splits an argument into (low, high); both None where it is a sequence of another length than two."""
-    if not isinstance(value, tuple | list):
-        return value, value
-    return (value[0], value[1]) if len(value) == 2 else (None, None)
-
-
-def _is_number(value: Any, *kinds: type) -> bool:
-    return isinstance(value, kinds or (int, float, np.number)) and not isinstance(value, bool)
+def pair_of(value: Any) -> tuple[Any, Any]:
+    """Splits a number or a range that was checked into (low, high)."""
+    low, high = value if isinstance(value, tuple | list) else (value, value)
+    return low, high
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     """Returns one of the choices; an error suggests the nearest."""
-    choices = sorted(choices)
-    if value not in choices:
-        near = get_close_matches(str(value), choices, n=2)
-        hint = f" (did you mean {' or '.join(map(repr, near))}?)" if near else ""
-        raise ValueError(f"{name}: got {value!r}; takes one of {choices}{hint}")
+    check_value(name, value, Annotated[str, OneOf(sorted(choices))])
     return value
 
 

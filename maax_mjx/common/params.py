@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.checks import check_choice, is_traced
+from maax_mjx.common.annotated import LARGEST
+from maax_mjx.common.checks import array_words, check_choice, described, is_real_array, is_traced
 from maax_mjx.common.keys import draw_integer, named_keys
 
 
@@ -47,23 +48,20 @@ class DomainParams(Mapping[str, jax.Array]):
     """
 
     def __init__(self, ranges: Mapping[str, Any]):
+        if not isinstance(ranges, Mapping):
+            raise ValueError(f"ranges: got {described(ranges)}; takes a dict from names to arrays (low, high)")
         self._ranges = dict(ranges)
 
     def replace(self, **ranges: Any) -> DomainParams:
         """Returns the params with some ranges changed; a single number is a range of one value.
 
         Raises:
-            ValueError: an unknown name, values that are not numbers, or fractions for a count.
+            ValueError: an unknown name, values that are not numbers of 32 bits, or fractions for a count.
         """
         new = dict(self._ranges)
         for name, value in ranges.items():
             check_choice("DomainParams.replace", name, new)
-            dtype = new[name].dtype
-            is_count = dtype == jnp.int32
-            if not is_traced(value) and np.asarray(value).dtype.kind not in ("iu" if is_count else "iuf"):
-                what = "whole number" if is_count else "number"
-                raise ValueError(f"{name}: got {value!r}; takes a {what}, or (low, high) of {what}s")
-            array = jnp.asarray(value, dtype)
+            array = jnp.asarray(value if is_traced(value) else _numbers(name, value, new[name].dtype), new[name].dtype)
             new[name] = jnp.stack([array, array]) if array.ndim == 0 else array
         return DomainParams(new)
 
@@ -99,6 +97,25 @@ class DomainParams(Mapping[str, jax.Array]):
         return low + (high - low) * jax.random.uniform(key)
 
 
+def _numbers(name: str, value: Any, dtype: Any) -> np.ndarray:
+    """Returns a number, a range or an array of ranges as an array that fits the type."""
+    whole = dtype == jnp.int32
+    try:
+        array = np.asarray(value)
+    except ValueError:  # Rows of unequal lengths.
+        array = np.asarray(None)
+    most = LARGEST[int if whole else float]
+    if array.dtype.kind not in ("iu" if whole else "iuf") or _beyond(array, most):
+        what = "whole number" if whole else "number"
+        raise ValueError(f"{name}: got {value!r}; takes a {what} of 32 bits, or (low, high) of {what}s")
+    return array
+
+
+def _beyond(array: np.ndarray, most: float) -> bool:
+    finite = array[np.isfinite(array)]
+    return bool(((finite > most) | (finite < -most)).any())
+
+
 def default_params(parameters: Mapping[str, Parameter]) -> DomainParams:
     """Returns the default range of every declared parameter."""
     return DomainParams({name: jnp.array(p.default, p.dtype) for name, p in parameters.items()})
@@ -131,6 +148,10 @@ def check_params(params: DomainParams, parameters: Mapping[str, Parameter], lead
     if set(params) != set(parameters):
         raise ValueError(f"params: got ranges for {sorted(params)}; takes exactly {sorted(parameters)}")
     for name, p in parameters.items():
+        if not is_real_array(params[name]):
+            raise ValueError(
+                f"params: {name} is {array_words(params[name])}; takes an array, as .replace(...) makes it"
+            )
         if jnp.shape(params[name]) not in ((2,), (*lead, 2)):
             takes = " or ".join(map(str, dict.fromkeys([(2,), (*lead, 2)])))
             raise ValueError(f"params: {name} has shape {jnp.shape(params[name])}; takes {takes}")

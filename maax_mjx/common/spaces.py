@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.common.checks import is_traced
+from maax_mjx.common.checks import array_words, is_real_array, is_traced
 
 
 def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
@@ -62,8 +62,8 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), ar
     if set(action) != set(space.spaces):
         raise ValueError(f"{argument}: got {sorted(action)}; takes exactly {sorted(space.spaces)}")
     for name, sub in space.spaces.items():
-        if not hasattr(action[name], "dtype") and isinstance(action[name], str):
-            raise ValueError(f"{argument}: {name!r} is {action[name]!r}; takes an array")
+        if not is_real_array(action[name]):
+            raise ValueError(f"{argument}: {name!r} is {array_words(action[name])}; takes an array of {_takes(sub)}")
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"{argument}: {name!r} has shape {jnp.shape(action[name])}; takes {want}")

@@ -44,11 +44,13 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
         raise ValueError(f"n_agents: Base got {n_agents}, Agents got {module.n_max}; both take the same number")
     if module.requires_quadrant and not any(m.provides_quadrant for m in before):
         raise ValueError(
-            f"placement_fn: {type(module).__name__} places by the quadrant and there is none; "
-            'add WallScenarios(scenario="quad") before it'
+            f"placement_fn: got one that places {type(module).__name__} by the quadrant, and there is none; takes "
+            'another, or add WallScenarios(scenario="quad") before it'
         )
     if module.wall_cells(grid_size) and any(m.extents for m in before):
-        raise ValueError(f"module: {type(module).__name__} comes after what it would be built over; add walls first")
+        raise ValueError(
+            f"module: got {type(module).__name__} after what it would be built over; takes walls before anything else"
+        )
     for other in before:
         shared = sorted({p.name for p in other.parameters} & {p.name for p in module.parameters})
         if shared:
@@ -59,7 +61,9 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
     modules = [*before, module]
     for m in modules:
         if isinstance(m, Entities) and m.free and any(other.limits_arena for other in modules):
-            raise ValueError(f"free: {type(m).__name__} got True; a free joint has no range for outer='limits'")
+            raise ValueError(
+                f"free: got True for {type(m).__name__}; takes False with outer='limits', as a free joint has no range"
+            )
     module.check(grid_size, floor_size)
     check_room(modules, grid_size, floor_size)
 
@@ -113,6 +117,6 @@ def _check_quadrant(modules: Sequence[Module], grid_size: int, cell: float) -> N
     taken = sum(width * depth for width, depth in inside)
     if taken > JAMMING * cells:
         raise ValueError(
-            f"placement_fn: got {len(inside)} objects of {taken} cells in the quadrant; the smallest has {cells}, "
-            f"of which random placement fills {JAMMING:.0%}"
+            f"placement_fn: got {len(inside)} objects of {taken} cells in the quadrant; the smallest takes "
+            f"{int(JAMMING * cells)}: of its {cells} cells random placement fills {JAMMING:.0%}"
         )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import Annotated, Any
 from weakref import WeakSet
 
 import jax
 import mujoco
 import numpy as np
 
+from maax_mjx.common.annotated import Bounds, check_value
 from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
@@ -20,9 +21,16 @@ from maax_mjx.core.hooks import checked_observations
 from maax_mjx.layout import World
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.from_model import from_model
+from maax_mjx.modules.placed import MOST
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Engine, Overlay, check_impl, make_engine, union
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
+
+GridSize = Annotated[int, Bounds(8, 1000)]
+FloorSize = Annotated[
+    float | tuple[float, float], Bounds(0, 1000, above=True, takes="a positive number of metres, up to 1000")
+]
+Contacts = Annotated[int, Bounds(1, 1_000_000)]
 
 
 class Around(WeakSet):
@@ -50,18 +58,16 @@ class Composition:
         world_params: WorldParams | None,
         contacts_per_world: int | None,
     ):
-        self.n_agents = check_count("n_agents", n_agents, minimum=1)
+        self.n_agents = check_count("n_agents", n_agents, 1, MOST)
         self.n_frames = check_count("n_frames", n_frames, minimum=1)
-        self.grid_size = check_count("grid_size", grid_size, minimum=8)
-        self.floor_range = Ranged("floor_size", floor_size, above=True)
+        self.grid_size = int(check_value("grid_size", grid_size, GridSize))
+        self.floor_range = Ranged("floor_size", check_value("floor_size", floor_size, FloorSize))
         self.horizon = check_count("horizon", horizon, minimum=1)
         self.impl = check_impl(impl)
         self.world_params = WorldParams() if world_params is None else world_params
         if not isinstance(self.world_params, WorldParams):
             raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
-        if contacts_per_world is not None:
-            check_count("contacts_per_world", contacts_per_world, minimum=1)
-        self._contacts_per_world = contacts_per_world
+        self._contacts_per_world = check_value("contacts_per_world", contacts_per_world, Contacts | None)
         self._modules: dict[str, Module] = {}
         self._build = object()
         self.around = Around()

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from maax_mjx.common.checks import array_words, is_real_array
 from maax_mjx.common.keys import hashed
 from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.plan import RoomPlan
@@ -98,6 +99,8 @@ class Layout(struct.PyTreeNode):
         jitter = (seed[1:] >> 8).astype(jnp.float32) / 2**24
         offset = jitter * jnp.maximum(cells * grid.cell - extent, 0.0) + extent / 2
         weights = placement_fn(self.replace(offset=offset), cells)
+        if not is_real_array(weights):
+            raise ValueError(f"placement_fn: got {array_words(weights)} from it; takes an array of weights {(g, g)}")
         if jnp.shape(weights) != (g, g):
             raise ValueError(f"placement_fn: returned weights of shape {jnp.shape(weights)}; takes {(g, g)}")
         best, found = _pick(seed[0], jnp.asarray(weights), grid.free(cells))

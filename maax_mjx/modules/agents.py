@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.common.checks import check_count, check_count_range
+from maax_mjx.common.checks import check_bool, check_count, check_count_range
 from maax_mjx.common.colours import GREY, TEAM_COLOURS, Colour
 from maax_mjx.common.keys import named_keys
 from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Column, Observed
@@ -17,7 +17,7 @@ from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
 from maax_mjx.modules.entities import Entities
 from maax_mjx.modules.from_model import from_model
-from maax_mjx.modules.placed import Places
+from maax_mjx.modules.placed import MOST, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
 from maax_mjx.worldgen import Obj, ObjFromXML
@@ -81,7 +81,7 @@ class Agents(Entities):
         )
         self.damping = Ranged("agent_damping", damping, argument="damping")
         self.gear = Ranged("agent_gear", gear, above=True, argument="gear")
-        self.polar_obs = polar_obs
+        self.polar_obs = check_bool("polar_obs", polar_obs)
         colors = self._team_colours() if colors is None else colors
         try:
             self.colors = np.asarray(colors, float)
@@ -200,13 +200,13 @@ class Agents(Entities):
 def _check_teams(n_agents: int | Mapping[str, int | tuple[int, int]]) -> dict[str, tuple[int, int]]:
     """Returns the smallest and the largest number of every team, by name."""
     if not isinstance(n_agents, Mapping):
-        n = check_count("n_agents", n_agents, minimum=1)
+        n = check_count("n_agents", n_agents, 1, MOST)
         return {"agents": (n, n)}
     if not n_agents:
         raise ValueError("n_agents: got no teams; takes at least one")
     for name, count in n_agents.items():
         if not isinstance(name, str) or not name.isidentifier():
             raise ValueError(f"n_agents: got a team named {name!r}; takes names that are Python identifiers")
-        if not check_count_range(f"n_agents[{name!r}]", count)[1]:
+        if not check_count_range(f"n_agents[{name!r}]", count, 0, MOST)[1]:
             raise ValueError(f"n_agents: got no agents in team {name!r}; takes at least one, or leave the team out")
-    return {name: check_count_range(f"n_agents[{name!r}]", count) for name, count in n_agents.items()}
+    return {name: check_count_range(f"n_agents[{name!r}]", count, 0, MOST) for name, count in n_agents.items()}

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.checks import check_bool
 from maax_mjx.common.observed import POSITION, SIZE, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
@@ -173,7 +174,7 @@ class StaticCylinders(Placed):
         self.size = CylinderSize(self.kind, diameter, height)
         self.extent = self.size.largest
         self.friction = None if friction is None else Ranged(f"{self.kind}_friction", friction, argument="friction")
-        self.per_object = per_object
+        self.per_object = check_bool("per_object", per_object)
 
     @property
     def sizes_vary(self) -> bool:

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
+from maax_mjx.common.checks import check_bool
 from maax_mjx.common.observed import POSITION, ROTATION, SPIN, SPINS, TURN, VELOCITY, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
@@ -68,8 +69,8 @@ class Entities(Placed):
         self.friction = (
             None if friction is None else Ranged(self.friction_name, friction, argument=self.friction_argument)
         )
-        self.free = free
-        self.per_object = per_object
+        self.free = check_bool("free", free)
+        self.per_object = check_bool("per_object", per_object)
 
     def make(self, name: str) -> Obj:
         """Returns a new object of this kind for the object tree.

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.checks import check_bool
 from maax_mjx.common.observed import POSITION, SIZE, SPIN, VELOCITY, YAW, Column
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import PlacementFn, World, uniform_placement
@@ -76,7 +77,7 @@ class Boxes(Entities):
     ):
         self.size = Ranged("box_size", box_size, above=True)
         self.mass = Ranged("box_mass", box_mass, above=True)
-        free = free or not box_only_z_rot
+        free = check_bool("free", free) or not check_bool("box_only_z_rot", box_only_z_rot)
         super().__init__(
             n_boxes,
             [self.size.high] * 3,
@@ -87,8 +88,9 @@ class Boxes(Entities):
             per_object=per_object,
         )
         self.elongated = Elongated("n_elongated_boxes", n_elongated_boxes, self.n_max)
-        self.boxid_obs, self.polar_obs = boxid_obs, polar_obs or free
-        self.boxsize_obs = self.sizes_vary if boxsize_obs is None else boxsize_obs
+        self.boxid_obs = check_bool("boxid_obs", boxid_obs)
+        self.polar_obs = check_bool("polar_obs", polar_obs) or free
+        self.boxsize_obs = self.sizes_vary if boxsize_obs is None else check_bool("boxsize_obs", boxsize_obs)
 
     @property
     def sizes_vary(self) -> bool:

@@ -10,12 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from maax_mjx.common.checks import check_count_range, check_per_object
+from maax_mjx.common.checks import check_bool, check_count_range, check_per_object
 from maax_mjx.common.keys import named_key
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.module import Module
 
+MOST = 10_000
+"""Largest number of objects of one kind."""
 RESERVED = ("other", "team", "ray", "corner", "door")
 """Axes of observations that count something else than objects of a module."""
 
@@ -74,10 +76,10 @@ class Placed(Module):
             )
         self.name = self.kind
         self.count_name = self.count_name or f"n_{self.kind}s"
-        self.count = check_count_range(self.count_name, count, minimum)
+        self.count = check_count_range(self.count_name, count, minimum, MOST)
         self.n_max = self.count[1]
         self.placement_fns: list[Callable] = check_per_object("placement_fn", placement_fn, self.n_max)
-        self.random_yaw = random_yaw
+        self.random_yaw = check_bool("random_yaw", random_yaw)
         self.requires_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in self.placement_fns)
 
     @property

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
-from maax_mjx.common.checks import check_choice, check_count, check_count_range, check_fraction
+from maax_mjx.common.checks import check_bool, check_choice, check_count, check_count_range, check_fraction
 from maax_mjx.common.observed import POSITION, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, World
@@ -91,13 +91,17 @@ class WallScenarios(Module):
         self.friction = None if friction is None else Ranged("wall_friction", friction, argument="friction")
         self.outer = check_choice("outer", outer, OUTER)
         self.limits_arena = outer == "limits"
-        if outer != "walls" and (low_outside_walls or self.prob_outside_walls != (1.0, 1.0)):
-            raise ValueError(f"low_outside_walls, prob_outside_walls: there are no outer walls with outer={outer!r}")
+        low = check_bool("low_outside_walls", low_outside_walls)
+        if outer != "walls" and (low or self.prob_outside_walls != (1.0, 1.0)):
+            raise ValueError(
+                f"low_outside_walls, prob_outside_walls: got {low} and {prob_outside_walls!r}; takes False and 1 with "
+                f"outer={outer!r}, as there are no outer walls"
+            )
         self.n_inner = max(scenario.n_walls for scenario in self._drawn)
         self._max_rooms = max(scenario.n_rooms for scenario in self._drawn)
         self.n_outer = 4 if outer == "walls" else 0
         self.n_walls = self.n_outer + 2 * self.n_inner
-        height = INNER_HEIGHT if low_outside_walls else OUTER_HEIGHT
+        height = INNER_HEIGHT if low else OUTER_HEIGHT
         self._heights = np.array([height] * self.n_outer + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
 
     @property
@@ -284,9 +288,9 @@ class RandomWalls(WallScenarios):
         random_room_count: bool = False,
         outside_walls: bool = True,
     ):
-        if random_room_count:
+        if check_bool("random_room_count", random_room_count):
             n_rooms = (1, check_count("n_rooms", n_rooms, minimum=1))
-        if not outside_walls and outer == "limits":
+        if not check_bool("outside_walls", outside_walls) and outer == "limits":
             raise ValueError("outside_walls: got False with outer='limits'; takes True there")
         super().__init__(
             "random",

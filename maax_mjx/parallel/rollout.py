@@ -27,7 +27,7 @@ def check_keep(keep: Any) -> tuple[str, ...]:
     Raises:
         ValueError: names that are not parts of a step.
     """
-    if isinstance(keep, str) or not all(isinstance(name, str) for name in keep):
+    if not isinstance(keep, tuple | list) or not all(isinstance(name, str) for name in keep):
         raise ValueError(
             f"keep: got {keep!r}; takes a tuple of names such as ('obs', 'reward', 'metrics.physics_fault')"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
+from maax_mjx.common.annotated import is_number
 from maax_mjx.common.checks import check_choice, is_traced
 
 AXIS = "worlds"
@@ -119,7 +120,7 @@ def _spec(axis: int | None) -> P:
     return P() if axis is None else P(*[None] * axis, AXIS)
 
 
-def _select(devices: Devices) -> tuple[jax.Device, ...]:
+def _select(devices: Any) -> tuple[jax.Device, ...]:
     """Returns the devices that the argument names."""
     if devices is None:
         # Not simply the first of `jax.devices()`: users can set another with `jax.default_device`.
@@ -127,12 +128,13 @@ def _select(devices: Devices) -> tuple[jax.Device, ...]:
     present = jax.devices()
     if isinstance(devices, str) and devices == "all":
         return tuple(present)
-    if isinstance(devices, bool) or (isinstance(devices, int) and not 1 <= devices <= len(present)):
+    several = isinstance(devices, Iterable)
+    if not several and (not is_number(devices, int) or not 1 <= devices <= len(present)):
         raise ValueError(
-            f"devices: got {devices}; takes None, 'all', or a number from 1 to {len(present)}, as JAX has "
+            f"devices: got {devices!r}; takes None, 'all', or a number from 1 to {len(present)}, as JAX has "
             f"{len(present)} ({present[0].device_kind})"
         )
-    chosen = tuple(present[:devices] if isinstance(devices, int) else devices)
+    chosen = tuple(devices if several else present[: int(devices)])
     if not chosen or not all(isinstance(d, jax.Device) for d in chosen) or len(set(chosen)) < len(chosen):
         raise ValueError(f"devices: got {devices!r}; takes None, 'all', a number, or a list of different jax.Device")
     shares = np.bincount([d.process_index for d in chosen], minlength=jax.process_count())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import logging
 import os
 from collections import defaultdict, deque
 from functools import partial
@@ -52,6 +53,7 @@ class CEngine(Engine):
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         super().__init__(model, overlay)
+        _log_warnings()
         self.c_model = copy.copy(model)
         disable = mujoco.mjtDisableBit
         # Autoreset would put a diverged world back to qpos0 unseen; the midphase reads bounding volumes of walls that
@@ -152,6 +154,16 @@ class CEngine(Engine):
             for n in list(self._idle)[:-MAX_SIZES]:
                 self._idle.pop(n, None)
             return _HostBatch(self.c_model, self.overlay, n_worlds)
+
+
+def _log_warnings() -> None:
+    """Sends MuJoCo's warnings to the logger "mujoco", as debug messages, unless the user has a handler of their own.
+
+    Without one MuJoCo writes MUJOCO_LOG.TXT into the working directory. Nothing is lost: a world that MuJoCo warns
+    about is a fault, which metrics count.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(logging.getLogger("mujoco").debug)
 
 
 class _HostBatch:

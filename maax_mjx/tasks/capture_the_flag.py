@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from maax_mjx.common.annotated import Count, Positive, PositiveCount
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Flags
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, TeamPlacements, sides_of, world
+from maax_mjx.tasks.standard import GameConfig, Number, ScenarioNames, TeamPlacements, sides_of, world
 from maax_mjx.wrappers import AgentAgentContactMask2D, CaptureTheFlag, TeamMembership
 
 
@@ -24,14 +25,14 @@ class CaptureTheFlagConfig(GameConfig):
         reach, wins_at: see `CaptureTheFlag`.
     """
 
-    scenario: str = "half"
-    n_boxes: CountRange = (1, 3)
-    n_ramps: CountRange = 0
-    teams: Mapping[str, CountRange] = field(default_factory=lambda: {"blues": 2, "reds": 2})
+    scenario: ScenarioNames = "half"
+    n_boxes: Number = (1, 3)
+    n_ramps: Number = 0
+    teams: Mapping[str, Number] = field(default_factory=lambda: {"blues": 2, "reds": 2})
     agent_placement: TeamPlacements = ("room0", "room1")
-    door_size: int = 6
-    reach: float = 0.4
-    wins_at: int = 3
+    door_size: Count = 6
+    reach: Positive = 0.4
+    wins_at: PositiveCount = 3
 
 
 def capture_the_flag(config: CaptureTheFlagConfig) -> Environment:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
+from maax_mjx.common.annotated import check_fields, check_value, field_kinds
 from maax_mjx.common.checks import check_choice
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Module
@@ -15,7 +16,19 @@ C = TypeVar("C")
 
 
 @dataclass(frozen=True)
-class Extensions:
+class Config:
+    """A config whose fields are held against their annotations as it is made.
+
+    Raises:
+        ValueError: a value that a field's annotation does not allow; the message names the field.
+    """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class Extensions(Config):
     """What is put into a game besides its own parts; see `extended`.
 
     Attributes:
@@ -38,7 +51,7 @@ class Extensions:
         return extended(env, self.modules, self.inside, self.outside)
 
 
-def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
+def override(config: C, overrides: Mapping[str, Any], where: str, path: str = "") -> C:
     """Returns the config with some fields changed.
 
     Args:
@@ -46,9 +59,10 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
         overrides: values by name: "n_boxes", or "world_params.gravity" for a field of a field, "teams.players"
             for an item of a mapping.
         where: name of the config in messages.
+        path: dotted name of the config within the outermost one, with a dot at its end, in messages.
 
     Raises:
-        ValueError: an unknown name; the message suggests the nearest ones.
+        ValueError: an unknown name, with the nearest ones, or a value that the field's annotation does not allow.
     """
     for name, value in overrides.items():
         head, dot, rest = name.partition(".")
@@ -61,7 +75,11 @@ def override(config: C, overrides: Mapping[str, Any], where: str) -> C:
             continue
         if dot and (not is_dataclass(inner) or isinstance(inner, type)):
             raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
-        config = replace(config, **{head: override(inner, {rest: value}, f"{where}, {head}") if dot else value})  # type: ignore[type-var]
+        if dot:
+            value = override(inner, {rest: value}, f"{where}, {head}", f"{path}{head}.")
+        else:
+            check_value(path + name, value, field_kinds(type(config))[name])
+        config = replace(config, **{head: value})  # type: ignore[type-var]
     return config
 
 

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Annotated, Any
 
-from maax_mjx.common.checks import check_bool
+from maax_mjx.common.annotated import (
+    Fraction,
+    FractionRange,
+    NonNegativeRange,
+    OneOf,
+    Positive,
+    PositiveCount,
+    PositiveCountRange,
+    PositiveRange,
+)
 from maax_mjx.core.env import Environment
-from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, HidersAndSeekers, Placement, Range, world
+from maax_mjx.tasks.config import Config
+from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
+from maax_mjx.tasks.standard import GameConfig, HidersAndSeekers, Number, Placement, ScenarioNames, world
 from maax_mjx.worldgen import WorldParams
 from maax_mjx.wrappers import (
     AgentAgentContactMask2D,
@@ -23,48 +33,52 @@ from maax_mjx.wrappers import (
     TeamMembership,
     TrackStats,
 )
-from maax_mjx.wrappers.senses import CONE
+from maax_mjx.wrappers.actions import Bins
+from maax_mjx.wrappers.locks.rules import LOCK_TYPES
+from maax_mjx.wrappers.locks.slots import METHODS
+from maax_mjx.wrappers.rewards import CATCHES, REW_TYPES
+from maax_mjx.wrappers.senses import CONE, FRAMES, Cone, RayCount
 
 
 @dataclass(frozen=True)
-class LockConfig:
+class LockConfig(Config):
     """Arguments of `LockObjects`."""
 
     objects: tuple[str, ...] = ("box", "ramp")
-    lock_type: str = "team"
-    radius: float = 0.25
-    method: str = "equality"
+    lock_type: Annotated[str, OneOf(LOCK_TYPES)] = "team"
+    radius: Positive = 0.25
+    method: Annotated[str, OneOf(METHODS)] = "equality"
     per_object: bool = True
     in_vision_only: bool = False
 
 
 @dataclass(frozen=True)
-class GrabConfig:
+class GrabConfig(Config):
     """Arguments of `GrabObjects`."""
 
     objects: tuple[str, ...] = ("box", "ramp")
-    radius: float = 0.25
+    radius: Positive = 0.25
     exclusive: bool = False
     selective: bool = False
     in_vision_only: bool = False
 
 
 @dataclass(frozen=True)
-class LidarConfig:
+class LidarConfig(Config):
     """Arguments of `Lidar`; `frame=None` is the agent's for observations="ego", else the world's."""
 
-    n_rays: int = 30
-    range: float = 6.0
-    frame: str | None = None
-    compress: float | None = None
+    n_rays: RayCount = 30
+    range: Positive = 6.0
+    frame: Annotated[str, OneOf(FRAMES)] | None = None
+    compress: Positive | None = None
 
 
 @dataclass(frozen=True)
-class RectConfig:
+class RectConfig(Config):
     """Arguments of `RestrictAgentsRect`."""
 
     rect: tuple[float, float, float, float] = (0.1, 0.1, 5.9, 5.9)
-    penalty: float = 10.0
+    penalty: Positive = 10.0
     penalize_objects_out: bool = True
 
 
@@ -81,16 +95,16 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
         stats: whether `metrics` have the statistics of `TrackStats`.
     """
 
-    prep_fraction: float = 0.4
+    prep_fraction: Fraction = 0.4
     blind: bool = False
-    by: str = "contact"
-    rew_type: str = "selfish"
-    cone: float | None = None
+    by: Annotated[str, OneOf(CATCHES)] = "contact"
+    rew_type: Annotated[str, OneOf(REW_TYPES)] = "selfish"
+    cone: Cone | None = None
     lock: LockConfig | None = LockConfig()
     grab: GrabConfig | None = None
     lidar: LidarConfig | None = None
     rect: RectConfig | None = None
-    n_bins: int | None = None
+    n_bins: Bins | None = None
     stats: bool = True
 
 
@@ -112,28 +126,28 @@ class QuadrantConfig(HideAndSeekConfig):
     its box.
     """
 
-    n_boxes: CountRange = 2
+    n_boxes: Number = 2
     hider_placement: Placement = "uniform"
     box_placement: Placement = "quad"
-    p_door_dropout: Range = 0.5
-    agent_friction: Range | None = 0.01
-    box_friction: Range | None = 0.2
-    ramp_friction: Range | None = 0.01
-    wall_friction: Range | None = 0.01
-    floor_friction: Range | None = 0.2
-    gear: Range = 90.0
-    n_frames: int = 15
-    horizon: int = 80
+    p_door_dropout: FractionRange = 0.5
+    agent_friction: NonNegativeRange | None = 0.01
+    box_friction: NonNegativeRange | None = 0.2
+    ramp_friction: NonNegativeRange | None = 0.01
+    wall_friction: NonNegativeRange | None = 0.01
+    floor_friction: NonNegativeRange | None = 0.2
+    gear: PositiveRange = 90.0
+    n_frames: PositiveCount = 15
+    horizon: PositiveCount = 80
     world_params: WorldParams = field(default_factory=lambda: WorldParams(gravity=-50.0))
-    by: str = "vision"
-    rew_type: str = "team_zero_sum"
-    cone: float | None = CONE
+    by: Annotated[str, OneOf(CATCHES)] = "vision"
+    rew_type: Annotated[str, OneOf(REW_TYPES)] = "team_zero_sum"
+    cone: Cone | None = CONE
     lock: LockConfig | None = LockConfig(objects=("box",), per_object=False, in_vision_only=True)
     grab: GrabConfig | None = GrabConfig(in_vision_only=True)
     lidar: LidarConfig | None = LidarConfig()
     rect: RectConfig | None = RectConfig()
-    n_bins: int | None = 11
-    observations: str = "split"
+    n_bins: Bins | None = 11
+    observations: Annotated[str, OneOf(OBSERVATIONS)] = "split"
 
 
 @dataclass(frozen=True)
@@ -147,18 +161,18 @@ class FullConfig(QuadrantConfig):
     The paper draws 1 to 3 agents for each team: `n_hiders=(1, 3), n_seekers=(1, 3)`; the published code has 2 and 2.
     """
 
-    scenario: str = "random"
-    n_boxes: CountRange = (3, 9)
-    n_elongated_boxes: CountRange = (3, 9)
-    n_ramps: CountRange = 2
+    scenario: ScenarioNames = "random"
+    n_boxes: Number = (3, 9)
+    n_elongated_boxes: Number = (3, 9)
+    n_ramps: Number = 2
     hider_placement: Placement = "team"
     seeker_placement: Placement = "team"
     box_placement: Placement = "uniform"
-    p_door_dropout: Range = 0.0
-    n_rooms: CountRange = (1, 4)
-    prob_outside_walls: Range = 0.5
-    wall_friction: Range | None = None
-    horizon: int = 240
+    p_door_dropout: FractionRange = 0.0
+    n_rooms: PositiveCountRange = (1, 4)
+    prob_outside_walls: FractionRange = 0.5
+    wall_friction: NonNegativeRange | None = None
+    horizon: PositiveCount = 240
     lock: LockConfig | None = LockConfig(per_object=False, in_vision_only=True)
     rect: RectConfig | None = RectConfig((-6.0, -6.0, 12.0, 12.0), penalize_objects_out=False)
 
@@ -169,22 +183,21 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
-    check_bool("stats", config.stats)
     env: Environment = TeamMembership(world(config, config.sides))
     env = AgentAgentContactMask2D(env)
     if config.cone is not None:
         env = LineOfSight(env, config.cone)
     if config.lidar is not None:
         frame = "agent" if config.observations == "ego" else "world"
-        lidar = _arguments("lidar", config.lidar, LidarConfig)
+        lidar = _arguments(config.lidar)
         env = Lidar(env, **lidar | {"frame": frame if config.lidar.frame is None else config.lidar.frame})
     if config.lock is not None:
-        env = LockObjects(env, **_arguments("lock", config.lock, LockConfig))
+        env = LockObjects(env, **_arguments(config.lock))
     if config.grab is not None:
-        env = GrabObjects(env, **_arguments("grab", config.grab, GrabConfig))
+        env = GrabObjects(env, **_arguments(config.grab))
     env = HideAndSeekReward(env, config.rew_type, config.by, config.reward_scale)
     if config.rect is not None:
-        env = RestrictAgentsRect(env, **_arguments("rect", config.rect, RectConfig))
+        env = RestrictAgentsRect(env, **_arguments(config.rect))
     env = PreparationPhase(env, config.prep_fraction, config.blind)
     if config.stats:
         env = TrackStats(env)
@@ -193,7 +206,5 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     return observed_by_agents(env, config.observations, config.observe)
 
 
-def _arguments(name: str, group: Any, kind: type) -> dict[str, Any]:
-    if not isinstance(group, kind):
-        raise ValueError(f"{name}: got {group!r}; takes a {kind.__name__}, or None")
-    return {f.name: getattr(group, f.name) for f in fields(kind)}
+def _arguments(group: Config) -> dict[str, Any]:
+    return {f.name: getattr(group, f.name) for f in fields(group)}

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from maax_mjx.common.annotated import check_fields
 from maax_mjx.common.checks import check_choice, check_key, check_new_name
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.spaces import check_action
@@ -37,10 +38,12 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     Args:
         name: a new name.
         build: function that makes the environment from a config.
-        config: a frozen dataclass whose fields all have defaults, which `make` can override.
+        config: a frozen dataclass whose fields all have defaults, which `make` can override; their values are held
+            against the annotations.
 
     Raises:
-        ValueError: a name that is taken, or a config that is not such a class.
+        ValueError: a name that is taken, a config that is not such a class, or defaults that its annotations do not
+            allow.
     """
     check_new_name(name, _TASKS)
     if not callable(build):
@@ -48,11 +51,12 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         raise ValueError(f"config: got {config!r}; takes a class made by dataclass(frozen=True)")
     try:
-        config()
+        defaults = config()
     except TypeError as error:
         raise ValueError(
-            f"config: {config.__name__} has fields without defaults ({error}); takes one without"
+            f"config: got {config.__name__}, with fields without defaults ({error}); takes one without"
         ) from None
+    check_fields(defaults)
     _TASKS[name] = Task(build, config)
 
 
@@ -81,11 +85,13 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
 
     Example:
         env = make("hide_and_seek", n_boxes=(1, 4), **{"lock.radius": 0.3})
+        env = make("hide_and_seek_quadrant", modules=[Door()], inside={"HideAndSeekReward": Flashlight})
 
     Args:
         name: one of `tasks()`.
         config: an object of the environment's config class to start from; None uses the defaults.
-        **overrides: values by field of that config, or by dotted name for fields of fields.
+        **overrides: values by field of that config, or by dotted name for fields of fields. Games have the fields
+            `modules`, `inside` and `outside`, for what is put in between; see `extended`.
 
     Raises:
         ValueError: an unknown name or field (the message suggests the nearest ones), a config of another class, or a
@@ -96,6 +102,7 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
         got = f"the class {config.__name__}" if isinstance(config, type) else type(config).__name__
         raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
     config = override(defaults if config is None else config, overrides, f"make({name!r})")
+    check_fields(config)
     env = _TASKS[name].build(config)
     if not isinstance(env, Environment):
         raise ValueError(f"build: got {env!r} from that of {name!r}; takes a function from a config to an environment")

@@ -4,22 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from maax_mjx.common.checks import check_count_range
+from maax_mjx.common.annotated import (
+    Bounds,
+    Count,
+    FractionRange,
+    NonNegativeRange,
+    OneOf,
+    Positive,
+    PositiveCount,
+    PositiveCountRange,
+    PositiveRange,
+)
+from maax_mjx.common.checks import check_count_range, pair_of
 from maax_mjx.common.colours import TEAM_COLOURS, Colour
+from maax_mjx.core.composition import Contacts, FloorSize, GridSize
 from maax_mjx.core.env import Base
-from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement, uniform_placement
+from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement, scenario_names, uniform_placement
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
-from maax_mjx.tasks.config import Extensions
+from maax_mjx.modules.placed import MOST
+from maax_mjx.modules.walls import OUTER
+from maax_mjx.physics import impls
+from maax_mjx.tasks.config import Config, Extensions
+from maax_mjx.tasks.observe import OBSERVATIONS, OBSERVE
 from maax_mjx.worldgen import WorldParams
 
 NEAR = 0.5
 """Metres from the first agent of the team, for placement "team"."""
 TEAM = "team"
 
-Range = float | tuple[float, float]
-CountRange = int | tuple[int, int]
+Number = Annotated[int | tuple[int, int], Bounds(0, MOST)]
+"""Objects or agents per world, or (low, high)."""
+ScenarioNames = Annotated[str | Sequence[str], OneOf(scenario_names)]
 Placement = str | PlacementFn
 TeamPlacements = Mapping[str, Placement] | tuple[Placement, ...] | list[Placement] | Placement
 
@@ -48,38 +65,38 @@ class WorldConfig(Extensions):
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
     """
 
-    scenario: str | Sequence[str] = "quad"
-    n_boxes: CountRange = 1
-    n_ramps: CountRange = 1
-    n_elongated_boxes: CountRange = 0
+    scenario: ScenarioNames = "quad"
+    n_boxes: Number = 1
+    n_ramps: Number = 1
+    n_elongated_boxes: Number = 0
     box_placement: Placement = "uniform"
     ramp_placement: Placement = "uniform"
-    door_size: int = 2
-    p_door_dropout: Range = 0.0
-    n_rooms: CountRange = 4
-    min_room_size: int = 6
-    prob_outside_walls: Range = 1.0
-    outer: str = "walls"
+    door_size: Count = 2
+    p_door_dropout: FractionRange = 0.0
+    n_rooms: PositiveCountRange = 4
+    min_room_size: PositiveCount = 6
+    prob_outside_walls: FractionRange = 1.0
+    outer: Annotated[str, OneOf(OUTER)] = "walls"
     probabilities: Sequence[float] | None = None
-    agent_friction: Range | None = None
-    box_friction: Range | None = None
-    ramp_friction: Range | None = None
-    wall_friction: Range | None = None
-    floor_friction: Range | None = None
-    gear: Range = 100.0
+    agent_friction: NonNegativeRange | None = None
+    box_friction: NonNegativeRange | None = None
+    ramp_friction: NonNegativeRange | None = None
+    wall_friction: NonNegativeRange | None = None
+    floor_friction: NonNegativeRange | None = None
+    gear: PositiveRange = 100.0
     random_yaw: bool = False
     boxsize_obs: bool | None = None
-    n_frames: int = 1
-    grid_size: int = 30
-    floor_size: Range = 6.0
-    horizon: int = 1000
-    impl: str = "auto"
+    n_frames: PositiveCount = 1
+    grid_size: GridSize = 30
+    floor_size: FloorSize = 6.0
+    horizon: PositiveCount = 1000
+    impl: Annotated[str, OneOf(impls)] = "auto"
     world_params: WorldParams = field(default_factory=WorldParams)
-    contacts_per_world: int | None = None
+    contacts_per_world: Contacts | None = None
 
 
 @dataclass(frozen=True)
-class HidersAndSeekers:
+class HidersAndSeekers(Config):
     """Two teams, hiders and seekers; hiders come first among the agents.
 
     Attributes:
@@ -87,8 +104,8 @@ class HidersAndSeekers:
         hider_placement, seeker_placement: where the agents start.
     """
 
-    n_hiders: CountRange = 2
-    n_seekers: CountRange = 2
+    n_hiders: Number = 2
+    n_seekers: Number = 2
     hider_placement: Placement = "quad"
     seeker_placement: Placement = "outside_quad"
 
@@ -101,7 +118,7 @@ class HidersAndSeekers:
         """
         hiders = Side("hiders", self.n_hiders, self.hider_placement, "hider_placement", TEAM_COLOURS[0])
         seekers = Side("seekers", self.n_seekers, self.seeker_placement, "seeker_placement", TEAM_COLOURS[1])
-        sides = tuple(side for side in (hiders, seekers) if check_count_range(f"n_{side.name}", side.size)[1])
+        sides = tuple(side for side in (hiders, seekers) if pair_of(side.size)[1])
         if not sides:
             raise ValueError(
                 f"n_hiders, n_seekers: got {self.n_hiders} and {self.n_seekers}; takes at least one agent in all"
@@ -125,9 +142,9 @@ class GameConfig(WorldConfig):
         observe: what a critic sees: "self" (what its agent sees), "team" or "all".
     """
 
-    reward_scale: float = 1.0
-    observations: str = "flat"
-    observe: str = "self"
+    reward_scale: Positive = 1.0
+    observations: Annotated[str, OneOf(OBSERVATIONS)] = "flat"
+    observe: Annotated[str, OneOf(OBSERVE)] = "self"
 
 
 class Side(NamedTuple):
@@ -142,13 +159,13 @@ class Side(NamedTuple):
     """
 
     name: str
-    size: CountRange
+    size: Number
     placement: Placement
     argument: str
     colour: Colour | None = None
 
 
-def sides_of(teams: Mapping[str, CountRange], placements: TeamPlacements) -> tuple[Side, ...]:
+def sides_of(teams: Mapping[str, Number], placements: TeamPlacements) -> tuple[Side, ...]:
     """Returns the teams of a config's fields `teams` and `agent_placement`.
 
     Args:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from maax_mjx.common.annotated import Count
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.standard import CountRange, GameConfig, TeamPlacements, sides_of, world
+from maax_mjx.tasks.standard import GameConfig, Number, ScenarioNames, TeamPlacements, sides_of, world
 from maax_mjx.wrappers import AgentAgentContactMask2D, Tag, TeamMembership
 
 
@@ -21,11 +22,11 @@ class TagConfig(GameConfig):
         immunity: see `Tag`.
     """
 
-    scenario: str = "empty"
-    teams: Mapping[str, CountRange] = field(default_factory=lambda: {"players": 4})
+    scenario: ScenarioNames = "empty"
+    teams: Mapping[str, Number] = field(default_factory=lambda: {"players": 4})
     agent_placement: TeamPlacements = "uniform"
-    n_boxes: CountRange = (1, 3)
-    immunity: int = 50
+    n_boxes: Number = (1, 3)
+    immunity: Count = 50
 
 
 def tag(config: TagConfig) -> Environment:

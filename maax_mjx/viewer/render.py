@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from tqdm import tqdm
 
 from maax_mjx.common.checks import check_choice, check_count, check_path, check_positive
+from maax_mjx.common.progress import progress
 from maax_mjx.core.env import Environment
 from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer.between import smooth
@@ -125,7 +125,7 @@ def video(
     shown = smooth(shown, most / speed)
     rate = most if fps is not None else min(most, shown.rate * speed)
     write = _write_mp4 if kind == ".mp4" else _write_gif
-    moments = tqdm(_sampled(shown.times / speed, rate), f"drawing {kind}", unit="frame", delay=SOON, leave=False)
+    moments = progress(_sampled(shown.times / speed, rate), f"drawing {kind}", unit="frame", delay=SOON, leave=False)
     with _drawing(stage, shown, size, camera, view) as draw:
         write(path, (draw(_frames(stage, shown, i)) for i in moments), rate, size)
     return path

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import mujoco
 import numpy as np
 
+from maax_mjx.common.annotated import Bounds, PositiveCount, check_fields
 from maax_mjx.worldgen.mark import CENTRE
 from maax_mjx.worldgen.material import Material
 from maax_mjx.worldgen.obj import Obj
@@ -20,31 +21,20 @@ class WorldParams:
     """Physics options of a world.
 
     Attributes:
-        timestep: physics step in seconds.
-        gravity: along z, in m/s^2.
+        timestep: physics step in seconds, up to 0.1.
+        gravity: along z, in m/s^2, in [-1000, 1000].
         iterations: Newton iterations per step. With ten, agents that push into a corner are ejected; with twenty they
             stay.
         ls_iterations: line-search iterations per Newton iteration.
     """
 
-    timestep: float = 0.005
-    gravity: float = -9.81
-    iterations: int = 20
-    ls_iterations: int = 20
+    timestep: Annotated[float, Bounds(0, 0.1, above=True, takes="a positive number of seconds, up to 0.1")] = 0.005
+    gravity: Annotated[float, Bounds(-1000.0, 1000.0)] = -9.81
+    iterations: PositiveCount = 20
+    ls_iterations: PositiveCount = 20
 
     def __post_init__(self) -> None:
-        if not _is_number(self.timestep) or not self.timestep > 0:
-            raise ValueError(f"timestep: got {self.timestep!r}; takes a positive number of seconds")
-        if not _is_number(self.gravity):
-            raise ValueError(f"gravity: got {self.gravity!r}; takes a number, in m/s^2 along z")
-        for name in ("iterations", "ls_iterations"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name}: got {value!r}; takes a whole number of at least 1")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+        check_fields(self)
 
 
 class WorldBuilder(Obj):

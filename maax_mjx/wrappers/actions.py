@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import Bounds, check_value
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.wrapper import ActionWrapper
+
+Bins = Annotated[int, Bounds(2, 1000)]
 
 
 def to_bins(forces: Any, n_bins: int) -> Any:
@@ -28,17 +30,17 @@ class DiscretizeActions(ActionWrapper):
 
     Args:
         env: environment to wrap.
-        n_bins: number of bins, at least 2.
+        n_bins: number of bins, 2 to 1000.
 
     Raises:
-        ValueError: fewer than 2 bins.
+        ValueError: fewer or more bins.
     """
 
     name = "discretize_actions"
 
     def __init__(self, env: Environment, n_bins: int = 11):
         super().__init__(env)
-        self.n_bins = check_count("n_bins", n_bins, minimum=2)
+        self.n_bins = int(check_value("n_bins", n_bins, Bins))
         self._forces = np.linspace(-1, 1, n_bins, dtype=np.float32)
 
     @cached_property

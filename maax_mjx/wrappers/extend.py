@@ -7,6 +7,7 @@ from copy import deepcopy
 from functools import partial
 from typing import Any
 
+from maax_mjx.common.annotated import check_value
 from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.modules import Module
@@ -43,7 +44,7 @@ def extended(
     chain = _chain(env)
     puts = {side: _by_layer(side, given or {}, chain) for side, given in (("inside", inside), ("outside", outside))}
     base = deepcopy(chain[0].given if chain else env)
-    for module in _checked(modules):
+    for module in check_value("modules", modules, Sequence[Module]):
         base.base.made = None
         base.base.add_module(deepcopy(module))
     new: Environment = base
@@ -68,11 +69,7 @@ def _chain(env: Environment) -> list[Wrapper]:
 
 def _by_layer(argument: str, layers: Layers, chain: Sequence[Wrapper]) -> dict[Wrapper, list[LayerFn]]:
     """Returns what to put next to each layer."""
-    if not isinstance(layers, Mapping):
-        raise ValueError(
-            f"{argument}: got {described(layers)}; takes layers by the layer that they are put next to, such as "
-            "{'HideAndSeekReward': Flashlight}"
-        )
+    check_value(argument, layers, Layers)
     named = [name for layer in chain for name in {type(layer).__name__, layer.name} if name]
     found = {}
     for name, puts in layers.items():
@@ -89,19 +86,8 @@ def _instead(new: Environment, argument: Any) -> Any:
     return new if isinstance(argument, Environment) else argument
 
 
-def _put(argument: str, put: Any, env: Environment) -> Environment:
-    if not callable(put):
-        raise ValueError(f"{argument}: got {described(put)}; takes wrappers, or functions from an environment to one")
+def _put(argument: str, put: LayerFn, env: Environment) -> Environment:
     new = put(env)
     if not isinstance(new, Environment):
         raise ValueError(f"{argument}: got {described(new)} from {put!r}; takes a function that returns an environment")
     return new
-
-
-def _checked(modules: Any) -> Sequence[Module]:
-    if isinstance(modules, Module) or not isinstance(modules, Sequence):
-        raise ValueError(f"modules: got {described(modules)}; takes a list of modules")
-    for module in modules:
-        if not isinstance(module, Module):
-            raise ValueError(f"modules: got {described(module)} in it; takes modules")
-    return modules

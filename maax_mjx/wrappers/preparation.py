@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from maax_mjx.common.annotated import Fraction, check_value
 from maax_mjx.common.arrays import null_rows
 from maax_mjx.common.checks import check_bool
 from maax_mjx.common.observed import AGENT, Observed, flag
@@ -45,8 +46,7 @@ class PreparationPhase(Wrapper):
 
     def __init__(self, env: Environment, prep_fraction: float = 0.4, blind: bool = False):
         super().__init__(env)
-        if isinstance(prep_fraction, bool) or not isinstance(prep_fraction, int | float) or not 0 <= prep_fraction <= 1:
-            raise ValueError(f"prep_fraction: got {prep_fraction!r}; takes a number in [0, 1]")
+        check_value("prep_fraction", prep_fraction, Fraction)
         self.n_steps = ceil(round(prep_fraction * env.base.horizon, 9))
         self.seekers = self.inner(TeamMembership).of(SEEKERS)
         self._senses = [layer for layer in self.env.layers if layer.senses] if check_bool("blind", blind) else []

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from maax_mjx.common.checks import check_bool, check_choice, check_positive
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
+from maax_mjx.worldgen.checks import check_vector
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.senses import LineOfSight
@@ -19,6 +19,8 @@ from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import RewardWrapper
 
 REW_TYPES = ("selfish", "team_mean", "team_zero_sum")
+CATCHES = ("contact", "vision")
+"""What catches a hider."""
 
 
 class RestrictAgentsRect(RewardWrapper):
@@ -45,9 +47,9 @@ class RestrictAgentsRect(RewardWrapper):
         penalize_objects_out: bool = False,
     ):
         super().__init__(env)
-        corners = np.asarray(rect, float)
-        if corners.shape != (4,) or not np.isfinite(corners).all() or not (corners[:2] < corners[2:]).all():
-            raise ValueError(f"rect: got {rect!r}; takes x0, y0, x1, y1 in metres with x0 < x1 and y0 < y1")
+        corners = check_vector("rect", rect, 4, takes := "x0, y0, x1, y1 in metres with x0 < x1 and y0 < y1")
+        if not (corners[:2] < corners[2:]).all():
+            raise ValueError(f"rect: got {rect!r}; takes {takes}")
         floor = self.base.floor_size
         if (corners[:2] >= floor).any() or (corners[2:] <= 0).any():
             raise ValueError(f"rect: got {rect!r}; takes one that overlaps the floor, 0 to {floor:g} metres")
@@ -94,7 +96,7 @@ class HideAndSeekReward(RewardWrapper):
         super().__init__(env)
         self.rew_type = check_choice("rew_type", rew_type, REW_TYPES)
         self.scale = check_positive("scale", scale)
-        self.by = check_choice("by", by, ("contact", "vision"))
+        self.by = check_choice("by", by, CATCHES)
         self.inner(AgentAgentContactMask2D if by == "contact" else LineOfSight)
         teams = self.inner(TeamMembership)
         self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.annotated import Bounds, check_value
 from maax_mjx.common.arrays import null_rows
-from maax_mjx.common.checks import check_choice, check_count, check_positive
+from maax_mjx.common.checks import check_choice, check_positive
 from maax_mjx.common.observed import AGENT, Column, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -22,6 +24,8 @@ from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper
 CONE = 3 * np.pi / 4
 """Radians of the full cone of sight, 135 degrees."""
 FRAMES = ("world", "agent")
+Cone = Annotated[float, Bounds(0, 2 * np.pi, above=True, takes="an angle in radians, up to 2 pi")]
+RayCount = Annotated[int, Bounds(1, 10_000)]
 
 
 class _Senses(StateWrapper):
@@ -56,9 +60,7 @@ class LineOfSight(_Senses):
 
     def __init__(self, env: Environment, cone: float = CONE, objects: Sequence[str] = ("box", "ramp")):
         super().__init__(env)
-        if check_positive("cone", cone) > 2 * np.pi:
-            raise ValueError(f"cone: got {cone!r}; takes an angle in radians, up to 2 pi")
-        self.half_cone = cone / 2
+        self.half_cone = check_value("cone", cone, Cone) / 2
         modules = [self.base.agents, *self.base.objects(objects)]
         self.modules = [module for module in modules if module.n_max]
 
@@ -136,7 +138,7 @@ class Lidar(_Senses, ObservationWrapper):
         compress: float | None = None,
     ):
         super().__init__(env)
-        self.n_rays = check_count("n_rays", n_rays, minimum=1)
+        self.n_rays = int(check_value("n_rays", n_rays, RayCount))
         self.range = check_positive("range", range)
         self.frame = check_choice("frame", frame, FRAMES)
         self.compress = None if compress is None else check_positive("compress", compress)

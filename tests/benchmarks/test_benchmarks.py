@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import fields
+from importlib import import_module
+
 import jax
 import numpy as np
 import pytest
 from helpers import seeds
 
-from maax_mjx.benchmarks import grabs, gradients, hostile, layouts, load, outer, plots, sampling, step
+from maax_mjx.benchmarks import BENCHMARKS, grabs, gradients, hostile, layouts, load, outer, plots, sampling, step
 
 
 @pytest.fixture(scope="module")
@@ -141,10 +145,11 @@ def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
         (load, dict(edges=(6.1,)), "edges: got 6.1; takes multiples of 0.2"),
         (load, dict(rounds=0), "rounds: got 0"),
         (grabs, dict(damping=0.0), "damping: got 0.0"),
-        (grabs, dict(frames=(1, 0)), "frames: got 0"),
+        (grabs, dict(frames=(1, 0)), "frames: got (1, 0)"),
         (layouts, dict(scenes=("N",)), "scenes: got 'N'; takes one of"),
+        (layouts, dict(worlds=(0,)), "worlds: got (0,); takes a list, each a whole number of at least 1"),
         (layouts, dict(steps=0), "steps: got 0"),
-        (step, dict(worlds=(8, 0)), "worlds: got 0"),
+        (step, dict(worlds=(8, 0)), "worlds: got (8, 0)"),
         (hostile, dict(steps=30), "steps: got 30; takes a multiple of 50"),
         (outer, dict(steps=7), "steps: got 7"),
         (gradients, dict(repeats=0), "repeats: got 0"),
@@ -152,9 +157,20 @@ def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
     ],
 )
 def test_errors_before_anything_runs(module, options, message, tmp_path):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=re.escape(message)):
         module.COMMAND.main(module.Config(out=tmp_path / "out.json", **options))
     assert not (tmp_path / "out.json").exists()
+
+
+@pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "plots"])
+def test_no_number_of_any_benchmark_may_be_negative(name):
+    config = import_module(f"maax_mjx.benchmarks.{name}").COMMAND.config
+    numbers = [f for f in fields(config) if type(f.default) is int]
+    lists = [f for f in fields(config) if isinstance(f.default, tuple) and type(f.default[0]) is int]
+    for f in (*numbers, *lists):
+        with pytest.raises(ValueError, match=f"{f.name}: got .*takes"):
+            config(**{f.name: (-1,) if f in lists else -1}).check()
+    assert numbers or lists
 
 
 def test_files_that_are_no_records(tmp_path):

@@ -54,10 +54,16 @@ def in_quadrant(*walls):
     return base(1, *walls, Agents(1, maax.quad_placement))
 
 
-COUNT = "takes a whole number of at least 0, or (low, high) with low <= high"
+def placed(weights):
+    """A world whose agent is placed by a function that returns something."""
+    return base(1, Agents(1, lambda layout, cells: weights)).reset(seeds.key(0))
+
+
+COUNT = "takes a whole number in [0, 10000], or (low, high) with low <= high"
+MOST = "takes a whole number in [1, 10000]"
 ONE = "takes a whole number of at least 1"
 POSITIVE = "takes a positive number"
-NO_QUAD = ("placement_fn: Agents", "there is none", 'add WallScenarios(scenario="quad")')
+NO_QUAD = ("placement_fn: got", "Agents", "there is none", 'add WallScenarios(scenario="quad")')
 NO_DOOR = ("door_size: got 15 cells", "takes 0 to 13")
 NO_ROOM = ("boxes: got 54 objects", "50 boxes", "the floor takes 46", "754 free")
 COLOURS = "takes 2 colours of four numbers in [0, 1], one each"
@@ -73,10 +79,10 @@ CONSTRUCTION = {
     "boxes reversed": (lambda: Boxes((3, 1)), "n_boxes: got (3, 1)", COUNT),
     "boxes fraction": (lambda: Boxes(1.5), "n_boxes: got 1.5", COUNT),
     "boxes three numbers": (lambda: Boxes((0, 1, 2)), "n_boxes: got (0, 1, 2)", COUNT),
-    "agents none": (lambda: Agents(0), "n_agents: got 0", ONE),
-    "agents range": (lambda: Agents((1, 2)), "n_agents: got (1, 2)", ONE),
-    "base agents": (lambda: Base(-1), "n_agents: got -1", ONE),
-    "seekers": (lambda: standard(n_seekers=1.5), "n_seekers: got 1.5", "takes a whole number of at least 0"),
+    "agents none": (lambda: Agents(0), "n_agents: got 0", MOST),
+    "agents range": (lambda: Agents((1, 2)), "n_agents: got (1, 2)", MOST),
+    "base agents": (lambda: Base(-1), "n_agents: got -1", MOST),
+    "seekers": (lambda: standard(n_seekers=1.5), "n_seekers: got 1.5", COUNT),
     "no team": (lambda: standard(n_hiders=0, n_seekers=0), "n_hiders, n_seekers: got 0 and 0", "at least one agent"),
     "agents disagree": (lambda: base(2, Agents(3)), "n_agents", "Base got 2, Agents got 3", "both take the same"),
     "placement list": (lambda: Boxes(2, [maax.uniform_placement]), "placement_fn: got a list of 1", "a list of 2"),
@@ -138,7 +144,7 @@ CONSTRUCTION = {
     ),
     "horizon": (lambda: standard(horizon=0), "horizon: got 0", ONE),
     "n_frames": (lambda: standard(n_frames=0), "n_frames: got 0", ONE),
-    "grid_size": (lambda: standard(grid_size=7), "grid_size: got 7", "takes a whole number of at least 8"),
+    "grid_size": (lambda: standard(grid_size=7), "grid_size: got 7", "takes a whole number in [8, 1000]"),
     "floor_size": (lambda: standard(floor_size=0), "floor_size: got 0", POSITIVE),
     "floor_size nan": (lambda: standard(floor_size=NAN), "floor_size: got nan", POSITIVE),
     "impl": (lambda: maax.make("standard", impl="nonsense"), "impl: got 'nonsense'", "takes one of", "'c'", "'jax'"),
@@ -158,6 +164,29 @@ CONSTRUCTION = {
     "task": (lambda: maax.make("standrad"), "name: got 'standrad'", "takes one of", "did you mean 'standard'?"),
     "keyword": (lambda: standard(n_box=2), "make('standard'): got 'n_box'", "takes one of", "did you mean 'n_boxes'"),
     "jitted name": (lambda: maax.jitted("standrad"), "name: got 'standrad'", "did you mean 'standard'?"),
+    "yaw of agents": (lambda: Agents(1, random_yaw="no"), "random_yaw: got 'no'", "takes True or False"),
+    "polar": (lambda: Boxes(1, polar_obs="no"), "polar_obs: got 'no'", "takes True or False"),
+    "low walls": (lambda: WallScenarios(low_outside_walls=1), "low_outside_walls: got 1", "takes True or False"),
+    "horizon too long": (lambda: Base(1, horizon=2**31), "horizon: got 2147483648", "32 bits"),
+    "immunity": (lambda: maax.config_of("tag", immunity=2**40), "immunity: got 1099511627776", "32 bits"),
+    "iterations too many": (lambda: WorldParams(iterations=10**10), "iterations: got 10000000000", "32 bits"),
+    "floor too large": (lambda: Base(1, floor_size=1e9), "floor_size: got 1000000000.0", "up to 1000"),
+    "rect complex": (lambda: maax.RestrictAgentsRect(standard(), (0, 0, 1, 1j)), "rect: got (0, 0, 1, 1j)", "takes x0"),
+    "params of nothing": (lambda: DomainParams(3), "ranges: got 3", "takes a dict"),
+    "placement of text": (
+        lambda: placed("ab"),
+        "placement_fn: got a str from it",
+        "takes an array of weights (30, 30)",
+    ),
+    "placement of a list": (lambda: placed([[1] * 30] * 30), "placement_fn: got a list from it", "takes an array"),
+    "placement complex": (lambda: placed(np.ones((30, 30), complex)), "placement_fn: got complex128[30, 30]", "takes"),
+    "placement shape": (lambda: placed(np.ones((3, 3))), "placement_fn: returned weights of shape (3, 3)", "(30, 30)"),
+    "devices fraction": (
+        lambda: Worlds(standard(), 2, devices=2.5),
+        "devices: got 2.5",
+        "takes None, 'all', or a number",
+    ),
+    "devices of None": (lambda: Worlds(standard(), 2, devices=[None]), "devices: got [None]", "takes None, 'all'"),
     "jitted nonsense": (lambda: maax.jitted(3), "env: got 3", "takes an environment or one of ["),
     "jitted overrides": (lambda: maax.jitted(standard(), horizon=3), "overrides: got ['horizon']", "with a name"),
     "worlds of nonsense": (lambda: Worlds("standard", 4), "env: got 'standard'", "takes an environment"),
@@ -235,6 +264,10 @@ ABOVE_SMALL = ("params: n_boxes is (1, 9)", "0 <= low <= high <= 2")
 REVERSED = ("params: n_boxes is (2, 1)", "0 <= low <= high <= 3")
 
 
+def still(k, keep):
+    return k.worlds.rollout(k.states, lambda obs, key: {"move": k.moves}, 1, key=k.key, keep=keep)
+
+
 def nothing(env):
     return env.default_params.replace(prob_outside_walls=NAN)
 
@@ -269,6 +302,15 @@ CALLS = {
     "action missing": (lambda k: step(k, {}), "action: got []", "takes exactly ['move']"),
     "action extra": (lambda k: step(k, {"move": k.move, "grab": k.move}), "action: got ['grab', 'move']", "['move']"),
     "action array": (lambda k: step(k, k.move), "action: got ndarray", "takes a dict with ['move']"),
+    "action list": (
+        lambda k: step(k, {"move": [[0.0] * 3] * 4}),
+        "action: 'move' is a list",
+        "takes an array of numbers",
+    ),
+    "action complex": (lambda k: step(k, {"move": k.move * 1j}), "action: 'move' is complex64[4, 3]", "takes an array"),
+    "action objects": (lambda k: step(k, {"move": k.move.astype(object)}), "action: 'move' is object[4, 3]", "takes"),
+    "jitted list": (lambda k: jitted_step(k, {"move": [[0.0] * 3] * 4}), "action: 'move' is a list", "takes an array"),
+    "worlds list": (lambda k: worlds_step(k, {"move": [[[0.0] * 3]] * 3}), "'move' is a list", "takes an array"),
     "action nan": (lambda k: step(k, {"move": jnp.asarray(k.nan)}), *HOLDS_NAN),
     "jitted nan": (lambda k: jitted_step(k, {"move": jnp.asarray(k.nan)}), *HOLDS_NAN),
     "worlds shape": (lambda k: worlds_step(k, {"move": k.move}), "'move' has shape (4, 3)", "takes (3, 1, 3)"),
@@ -300,6 +342,16 @@ CALLS = {
     "params foreign": (lambda k: k.env.reset(k.key, k.small.default_params), *FOREIGN),
     "params foreign in worlds": (lambda k: k.worlds.with_params(k.states, k.env.default_params), "takes exactly"),
     "params fraction": (lambda k: k.ranges.check_params(boxes(k.ranges, (0.5, 2.7))), "n_boxes", "0.5"),
+    "params too large": (lambda k: boxes(k.ranges, 2**40), "n_boxes: got 1099511627776", "32 bits"),
+    "params ragged": (lambda k: boxes(k.ranges, [[1], [1, 2]]), "n_boxes: got [[1], [1, 2]]", "takes a whole number"),
+    "params complex": (lambda k: k.ranges.default_params.replace(p_door_dropout=1j), "p_door_dropout: got 1j", "takes"),
+    "params list": (
+        lambda k: k.ranges.check_params(DomainParams({**k.ranges.default_params, "n_boxes": [0, 1]})),
+        "params: n_boxes is a list",
+        "takes an array",
+    ),
+    "keep None": (lambda k: still(k, None), "keep: got None", "takes a tuple of names"),
+    "keep number": (lambda k: still(k, 3), "keep: got 3", "takes a tuple of names"),
     "params string": (lambda k: boxes(k.ranges, "few"), "n_boxes", "few"),
     "params None": (lambda k: boxes(k.ranges, None), "n_boxes", "None"),
     "params nan": (lambda k: k.ranges.check_params(floats(k.ranges, (NAN, 1.0))), "n_boxes", "nan"),

@@ -120,7 +120,7 @@ DEVICES = {
     "too many": (dict(devices=2), "devices: got 2; takes None, 'all', or a number from 1 to 1, as JAX has 1"),
     "text": (dict(devices="some"), "devices: got 'some'; takes None, 'all', a number"),
     "list": (dict(devices=[0]), "takes None, 'all', a number, or a list of different jax.Device"),
-    "method": (dict(method="vmap"), "method: got 'vmap'; takes one of ['jit', 'pmap', 'shard_map']"),
+    "method": (dict(method="vmap"), "It takes one of ['jit', 'pmap', 'shard_map']"),
 }
 
 

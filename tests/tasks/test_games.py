@@ -219,7 +219,7 @@ REFUSED = {
     "not frozen": (("a", harvest, Thawed), "takes a class made by dataclass(frozen=True)"),
     "no dataclass": (("a", harvest, dict), "config: got <class 'dict'>; takes a class made by"),
     "an object": (("a", harvest, HarvestConfig()), "config: got HarvestConfig("),
-    "without defaults": (("a", harvest, Unfinished), "config: Unfinished has fields without defaults"),
+    "without defaults": (("a", harvest, Unfinished), "config: got Unfinished, with fields without defaults"),
 }
 
 

@@ -122,13 +122,13 @@ def test_what_is_given_stays_as_it_was():
     ("given", "says"),
     [
         ({"inside": {"HideAndSeekRewards": Flashlight}}, "inside: .*did you mean 'HideAndSeekReward'"),
-        ({"inside": [Flashlight]}, "inside: got list; takes layers by the layer that they are put next to"),
-        ({"outside": {"locks": "Flashlight"}}, "outside: got 'F'; takes wrappers"),
+        ({"inside": [Flashlight]}, "inside: got .*; takes a dict from names to a function or a list, each a function"),
+        ({"outside": {"locks": "Flashlight"}}, "outside: got {'locks': 'Flashlight'}; takes a dict"),
         ({"outside": {"locks": lambda env: None}}, "outside: got None from .*; takes a function that"),
         ({"inside": {"LineOfSight": Flashlight}}, "Flashlight: needs LineOfSight; wrap with it first"),
         ({"outside": {"preparation": maax.LockObjects}}, "action_name: got 'lock', which env has already"),
-        ({"modules": Post()}, "modules: got Post; takes a list of modules"),
-        ({"modules": [Flashlight]}, "modules: got ABCMeta in it; takes modules"),
+        ({"modules": Post()}, r"modules: got Post\(\); takes a list, each a Module"),
+        ({"modules": [Flashlight]}, "modules: got .*Flashlight.*; takes a list, each a Module"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_put_in_is_refused(given, says):

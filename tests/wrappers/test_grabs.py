@@ -392,7 +392,7 @@ ERRORS = {
     "vision": (lambda e: maax.GrabObjects(e, in_vision_only=None), "in_vision_only: got None; takes True or False"),
     "unknown": (
         lambda e: maax.GrabObjects(e, ["boxs"]),
-        "objects: got 'boxs'; takes one of ['box', 'ramp'] (did you mean 'box'",
+        "objects: got 'boxs'; did you mean 'box'? It takes one of ['box', 'ramp']",
     ),
     "not movable": (lambda e: maax.GrabObjects(e, ["walls"]), "objects: got 'walls'; takes one of"),
     "none": (lambda e: maax.GrabObjects(e, []), "objects: got [], which hold no objects; takes others"),

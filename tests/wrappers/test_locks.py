@@ -330,7 +330,7 @@ def test_all_at_once_and_owners_are_drawn_among_those_who_want(locking):
         (lambda: build("joint_range", free=True), "the free joints of box have none; takes 'equality'"),
         (
             lambda: maax.LockObjects(maax.TeamMembership(maax.make("standard")), ["boxs"]),
-            "objects: got 'boxs'; takes one of",
+            "objects: got 'boxs'; did you mean 'box'",
         ),
     ],
 )

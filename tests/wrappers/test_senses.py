@@ -122,7 +122,7 @@ def test_frames_ranges_and_compression():
         (lambda e: maax.Lidar(e, range=-1), "range: got -1"),
         (lambda e: maax.Lidar(e, compress=0), "compress: got 0"),
         (lambda e: maax.LineOfSight(e, cone=7), "cone: got 7; takes an angle in radians"),
-        (lambda e: maax.LineOfSight(e, objects=["boxs"]), "objects: got 'boxs'; takes one of"),
+        (lambda e: maax.LineOfSight(e, objects=["boxs"]), "objects: got 'boxs'; did you mean 'box'"),
     ],
 )
 def test_mistakes(call, message):

@@ -293,7 +293,7 @@ ERRORS = {
         lambda e, s: maax.MaskActions(e, "grab", lambda s: s.step),
         "action: got 'grab'; takes one of ['lock', 'move']",
     ),
-    "mask name": (lambda e, s: maax.MaskActions(e, "lock", ["sees_boxes"]), "mask: got 'sees_boxes'; takes one of"),
+    "mask name": (lambda e, s: maax.MaskActions(e, "lock", ["sees_boxes"]), "mask: got 'sees_boxes'; did you mean"),
     "mask too short": (
         lambda e, s: maax.MaskActions(e, "lock", ["sees_box"]),
         "mask: has shape (4, 2); takes (4,) or (4, 3), as action 'lock'",
@@ -326,11 +326,11 @@ ERRORS = {
     ),
     "masked observation": (
         lambda e, s: maax.MaskObservations(s, {"boxes_obs": "sees_box"}),
-        "masks: got 'boxes_obs'; takes one of",
+        "masks: got 'boxes_obs'; did you mean 'box_obs'",
     ),
     "masked by": (
         lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_boxes"}),
-        "masks: got 'sees_boxes'; takes one of",
+        "masks: got 'sees_boxes'; did you mean 'sees_box'",
     ),
     "masked by others": (
         lambda e, s: maax.MaskObservations(s, {"box_obs": "sees_agent"}),
