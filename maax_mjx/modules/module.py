@@ -89,7 +89,7 @@ class Module:
 
     @property
     def overlay(self) -> Overlay:
-        """The rows of model fields that `layout_step` sets, by field; other rows and fields are the same in all worlds."""
+        """The rows of model fields that `layout_step` sets, by field; all others are the same in all worlds."""
         return {}
 
     @property
