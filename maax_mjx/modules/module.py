@@ -32,6 +32,8 @@ class Owner(Protocol):
 class Module(Recorded):
     """A part of a world. Subclass it for your own; every hook has a default that adds nothing.
 
+    `docs/extending/modules.md` has an example and a table of the hooks.
+
     Attributes:
         name: name, unique within an environment; it seeds the module's draws, so that modules stay independent.
         provides_quadrant: whether the module's room plan has a quadrant.
@@ -94,7 +96,7 @@ class Module(Recorded):
 
     @property
     def overlay(self) -> Overlay:
-        """The rows of model fields that `layout_step` sets."""
+        """The rows of model fields that `layout_step` sets, by field; all others are the same in all worlds."""
         return {}
 
     @property
@@ -134,7 +136,10 @@ class Module(Recorded):
         """Changes the spec before it is compiled, on the host."""
 
     def layout_step(self, key: jax.Array, layout: Layout, params: DomainParams) -> Layout:
-        """Draws and places, on the device. Counts depend only on `key`, places also on `layout.attempt`."""
+        """Draws and places, on the device, and returns the layout, changed with `layout.replace`.
+
+        Counts depend only on `key`, places also on `layout.attempt`. Fields are whole, as `layout.fields` has them.
+        """
         return layout
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:

@@ -58,7 +58,9 @@ def test_the_door_hangs_in_its_opening_and_moves_as_in_plain_mujoco(game):
     env, state = game
     x, y, width = np.asarray(state.world.plan.doors[0])
     door = env.modules["door"]
-    np.testing.assert_allclose(state.data.xpos[door.body[0]], [x - width / 2 + 0.03, y, 0.0], atol=1e-6)
+    closed = at(env, state, 0.0).data.geom_xpos[env.model.geom("door").id]
+    np.testing.assert_allclose(closed, [x, y, TALL / 2 + 0.02], atol=1e-6)
+    assert width > 2 * env.model.geom("door").size[0]
     # An agent before the far end of the door, which it pushes open, and the other one out of its way.
     places = jnp.array([[x + 0.15, y - 0.3], [1.0, 1.0]])
     qpos = jnp.asarray(state.data.qpos).at[env.agents.qpos_ids[:, :2]].set(places).at[door.angle].set(0.0)
