@@ -11,6 +11,7 @@ import jax
 
 import maax_mjx as maax
 from maax_mjx.cli.options import count_of, report
+from maax_mjx.core.blame import blame
 from maax_mjx.core.export import world_of
 from maax_mjx.layout import PlacementFn, World, placement_by_name
 from maax_mjx.viewer import contact_sheet
@@ -20,7 +21,10 @@ Outer = Literal["walls", "limits", "none"]
 
 @dataclass
 class Sheet:
-    """Draws worlds from above, as a sheet of layouts, without stepping them."""
+    """Draws worlds from above, as a sheet of layouts, without stepping them.
+
+    Says how many layouts are invalid and which placements are to blame.
+    """
 
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; each world draws one of several."""
@@ -52,7 +56,7 @@ def sheet(args: Sheet) -> None:
     """Runs `maax-mjx worlds`."""
     if args.n < 1:
         raise ValueError(f"n: got {args.n}; takes at least 1")
-    drawn = []
+    drawn, blamed = [], []
     for placement in args.placement:
         env = maax.Base(args.n_agents)
         env.add_module(maax.WallScenarios(args.scenario, outer=args.outer))
@@ -62,12 +66,14 @@ def sheet(args: Sheet) -> None:
         env.add_module(maax.Ramps(count_of("n_ramps", args.n_ramps)))
         states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
         drawn += [(env, world_of(states, i), placement) for i in range(args.n)]
+        if why := blame(env, *jax.device_get((states.world.valid, states.params))):
+            blamed.append(f"{placement}: {why}")
     titles = [_title(args, state.world, placement) for _, state, placement in drawn]
     args.out.parent.mkdir(parents=True, exist_ok=True)
     contact_sheet([env for env, *_ in drawn], [state for _, state, _ in drawn], args.out, titles)
     invalid = sum(not state.world.valid for _, state, _ in drawn)
-    result = {"file": str(args.out), "worlds": len(drawn), "invalid": invalid}
-    report(result, args.json, f"wrote {args.out}: {len(drawn)} worlds, {invalid} invalid")
+    result = {"file": str(args.out), "worlds": len(drawn), "invalid": invalid, "blamed": blamed}
+    report(result, args.json, "\n".join([f"wrote {args.out}: {len(drawn)} worlds, {invalid} invalid", *blamed]))
 
 
 def _title(args: Sheet, world: World, placement: str) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import ceil
 
-from maax_mjx.layout.grid import CELL_EPS, JAMMING
+from maax_mjx.core.places import check_anchors, check_places
+from maax_mjx.layout.grid import JAMMING, footprint_of
 from maax_mjx.modules import Agents, Entities, Module, Placed
 
 MIN_CONTACTS = 16
@@ -21,7 +22,9 @@ def contact_capacity(modules: Iterable[Module]) -> int:
     return max(MIN_CONTACTS, ceil(sum(module.contact_points for module in modules)))
 
 
-def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_size: int, floor_size: float) -> None:
+def check_module(
+    module: Module, before: Sequence[Module], n_agents: int, grid_size: int, floor_sizes: tuple[float, float]
+) -> None:
     """Refuses a module that does not fit.
 
     Args:
@@ -29,7 +32,7 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
         before: the modules that were added before it.
         n_agents: number of the environment's agents.
         grid_size: cells per side.
-        floor_size: smallest edge of the floor in metres.
+        floor_sizes: smallest and largest edge of the floor in metres.
 
     Raises:
         ValueError: a module that does not fit; the message names the argument.
@@ -64,8 +67,11 @@ def check_module(module: Module, before: Sequence[Module], n_agents: int, grid_s
             raise ValueError(
                 f"free: got True for {type(m).__name__}; takes False with outer='limits', as a free joint has no range"
             )
-    module.check(grid_size, floor_size)
-    check_room(modules, grid_size, floor_size)
+    module.check(grid_size, floor_sizes[0])
+    check_room(modules, grid_size, floor_sizes[0])
+    if isinstance(module, Placed):
+        check_anchors(module, before)
+        check_places(module, before, grid_size, floor_sizes)
 
 
 def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> None:
@@ -75,7 +81,7 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
         ValueError: too many objects; the message has the free cells, the largest footprint and how many of it fit.
     """
     cell = floor_size / grid_size
-    footprints = [(m, _footprint(extent, cell)) for m in modules for extent in m.extents]
+    footprints = [(m, footprint_of(extent, cell)) for m in modules for extent in m.extents]
     if not footprints:
         return
     _check_quadrant(modules, grid_size, cell)
@@ -100,15 +106,11 @@ def _plural(module: Module) -> str:
     return module.plural if isinstance(module, Placed) else module.name
 
 
-def _footprint(extent: tuple[float, float], cell: float) -> tuple[int, int]:
-    return ceil(extent[0] / cell - CELL_EPS), ceil(extent[1] / cell - CELL_EPS)
-
-
 def _check_quadrant(modules: Sequence[Module], grid_size: int, cell: float) -> None:
     # Without a quadrant in the world, placement in the quadrant means anywhere.
     cells = min((m.quadrant_cells(grid_size) for m in modules if m.provides_quadrant), default=grid_size**2)
     inside = [
-        _footprint(extent, cell)
+        footprint_of(extent, cell)
         for m in modules
         if isinstance(m, Placed)
         for extent, fn in zip(m.extents, m.placement_fns, strict=True)

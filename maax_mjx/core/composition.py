@@ -101,7 +101,8 @@ class Composition:
             raise ValueError(f"module: got {module!r}; takes a Module")
         if module._owner not in (None, self):
             raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
-        check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, self.floor_range.low)
+        floor_sizes = self.floor_range.low, self.floor_range.high
+        check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, floor_sizes)
         for other in self._modules.values():
             _check_names(module, _declared(module), other, _declared(other))
         module._owner = self

@@ -6,6 +6,8 @@ how many marks any rectangle holds is four reads, so that a free place is found 
 
 from __future__ import annotations
 
+from math import ceil
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -76,6 +78,11 @@ class Grid(struct.PyTreeNode):
     def occupancy(self) -> jax.Array:
         """(G, G) int32: the marks of every cell."""
         return jnp.diff(jnp.diff(self.integral, axis=0), axis=1)
+
+
+def footprint_of(extent: tuple[float, float], cell: float) -> tuple[int, int]:
+    """How many cells of `cell` metres an object of `extent` (x, y) metres takes per axis, on the host."""
+    return ceil(extent[0] / cell - CELL_EPS), ceil(extent[1] / cell - CELL_EPS)
 
 
 def within(grid_size: int, cells: jax.Array, rect: jax.Array) -> jax.Array:

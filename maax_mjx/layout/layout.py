@@ -28,6 +28,7 @@ class Layout(struct.PyTreeNode):
         extents: by kind, (n_max, 3) metres, of kinds whose sizes are drawn.
         sites: by kind, (n_max, 3) the centres of marks on the floor, in metres.
         offset: (2,) metres from the corner of its footprint to the centre of the object that is being placed.
+        unplaced: by an object's name, or "walls", () bool: whether it was wanted and found no place.
         valid: () bool, whether every wanted object found a place.
         attempt: () int32, which redraw this is. Places depend on it, counts do not.
     """
@@ -41,6 +42,7 @@ class Layout(struct.PyTreeNode):
     extents: dict[str, jax.Array]
     sites: dict[str, jax.Array]
     offset: jax.Array
+    unplaced: dict[str, jax.Array]
     valid: jax.Array
     attempt: jax.Array
 
@@ -57,6 +59,7 @@ class Layout(struct.PyTreeNode):
             extents={},
             sites={},
             offset=jnp.zeros(2),
+            unplaced={},
             valid=jnp.ones((), bool),
             attempt=jnp.zeros((), jnp.int32),
             **own,
@@ -70,6 +73,10 @@ class Layout(struct.PyTreeNode):
     def stacked_objects(self) -> jax.Array:
         """(n, 3) of all `objects`."""
         return jnp.stack(list(self.objects.values())) if self.objects else jnp.zeros((0, 3))
+
+    def noting(self, name: str, unplaced: jax.Array) -> Self:
+        """The layout with what found no place, if so; it is not valid then."""
+        return self.replace(unplaced=self.unplaced | {name: unplaced}, valid=self.valid & ~unplaced)
 
     def place(
         self,
@@ -110,8 +117,7 @@ class Layout(struct.PyTreeNode):
         layout = self.replace(
             grid=grid.mark(corner, cells, placed),
             objects=self.objects | {name: jnp.append(centre, placed)},
-            valid=self.valid & (found | ~jnp.asarray(wanted)),
-        )
+        ).noting(name, ~found & wanted)
         return layout, centre, placed
 
 

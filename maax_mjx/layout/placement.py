@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.layout.grid import apart, within
@@ -19,6 +21,29 @@ from maax_mjx.layout.layout import Layout, PlacementFn
 
 ROUNDING = 1e-5
 """Metres that distances may be off by in float32."""
+
+
+Rect = tuple[Any, Any]
+"""The lower-left cell (2,) of a rectangle, and the one beyond its upper right."""
+
+Region = Callable[[int, Any, Any], Rect]
+"""`(grid_size, cell, cells) -> rectangle`: the cells that an object's footprint (2,) may take, by the edge of a cell in
+metres, in every world with such a floor. Plain arithmetic, for NumPy and JAX alike."""
+
+
+def region_of(fn: PlacementFn) -> Region | None:
+    """The region that a placement function keeps to in every world; None if it depends on the world."""
+    return getattr(fn, "region", None)
+
+
+def anchors_of(*fns: PlacementFn) -> frozenset[str]:
+    """The names of the objects that placement functions measure distances from."""
+    return frozenset().union(*(getattr(fn, "anchors", ()) for fn in fns))
+
+
+def name_of(fn: PlacementFn) -> str:
+    """A placement function's name, for messages."""
+    return getattr(fn, "__name__", type(fn).__name__)
 
 
 def requires_quadrant(fn: PlacementFn) -> PlacementFn:
@@ -53,9 +78,15 @@ def outside_quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
 
 def centre_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     """Allows the middle of the floor alone, to the cell."""
-    middle = (layout.grid.size - cells) // 2
-    rect = jnp.concatenate([middle, middle + cells])
-    return within(layout.grid.size, cells, rect)
+    return _inside(layout, cells, _centre)
+
+
+def _centre(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
+    corner = (grid_size - cells) // 2
+    return corner, corner + cells
+
+
+centre_placement.region = _centre  # type: ignore[attr-defined]
 
 
 def at_placement(x: float, y: float) -> PlacementFn:
@@ -66,13 +97,13 @@ def at_placement(x: float, y: float) -> PlacementFn:
     Raises:
         ValueError: a coordinate that is not positive.
     """
-    point = check_positive("x", x), check_positive("y", y)
+    point = np.array([check_positive("x", x), check_positive("y", y)], np.float32)
 
-    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
-        corner = jnp.round(jnp.asarray(point) / layout.grid.cell - cells / 2).astype(jnp.int32)
-        return within(layout.grid.size, cells, jnp.concatenate([corner, corner + cells]))
+    def region(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
+        corner = (point / cell - cells / 2).round().astype(np.int32)
+        return corner, corner + cells
 
-    return placement
+    return _within_region(f"at_placement({x:g}, {y:g})", region)
 
 
 def middle_placement(fraction: float) -> PlacementFn:
@@ -84,13 +115,11 @@ def middle_placement(fraction: float) -> PlacementFn:
     if not isinstance(fraction, int | float) or isinstance(fraction, bool) or not 0 < fraction <= 1:
         raise ValueError(f"fraction: got {fraction!r}; takes a number above 0, up to 1")
 
-    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
-        g = layout.grid.size
-        margin = jnp.floor(jnp.asarray(g * (1 - fraction) / 2) + 1e-6).astype(jnp.int32)
-        rect = jnp.stack([margin, margin, g - margin, g - margin])
-        return within(g, cells, rect)
+    def region(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
+        margin = int(grid_size * (1 - fraction) / 2 + 1e-6)
+        return np.full(2, margin), np.full(2, grid_size - margin)
 
-    return placement
+    return _within_region(f"middle_placement({fraction:g})", region)
 
 
 def separation_placement(radius: float) -> PlacementFn:
@@ -106,16 +135,18 @@ def separation_placement(radius: float) -> PlacementFn:
         far = _distances(layout, objects[:, :2]) >= radius + ROUNDING
         return (far | (objects[:, 2] == 0)).all(axis=-1)
 
+    placement.__name__ = f"separation_placement({radius:g})"
     return placement
 
 
 def proximity_placement(radius: float, to: str) -> PlacementFn:
     """A placement at most `radius` metres from the object named `to`, such as "box0", centre to centre (thesis 4.3.3).
 
-    Anywhere where that object is not in play, or is placed later.
+    Anywhere in a world where that object is not in play.
 
     Raises:
-        ValueError: a radius that is not positive, or a name that is not a string.
+        ValueError: a radius that is not positive, or a name that is not a string; with `Base`, an object that there is
+            not, or that is placed later.
     """
     radius = check_positive("radius", radius)
     if not isinstance(to, str):
@@ -126,6 +157,8 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
         near = _distances(layout, anchor[None, :2])[..., 0] <= radius - ROUNDING
         return _or_anywhere(near, anchor[2] > 0)
 
+    placement.anchors = frozenset([to])  # type: ignore[attr-defined]
+    placement.__name__ = f"proximity_placement({radius:g}, {to!r})"
     return placement
 
 
@@ -143,6 +176,7 @@ def room_placement(index: int) -> PlacementFn:
             raise ValueError(f"room_placement: got room {index}; worlds of this environment have {plan.rooms.shape[0]}")
         return _or_anywhere(within(layout.grid.size, cells, plan.rooms[index]), plan.room_mask[index])
 
+    placement.__name__ = f"room_placement({index})"
     return placement
 
 
@@ -173,8 +207,23 @@ def _combined(name: str, fns: tuple[PlacementFn, ...], combine: Callable) -> Pla
     def placement(layout: Layout, cells: jax.Array) -> jax.Array:
         return reduce(combine, [fn(layout, cells) for fn in fns])
 
+    placement.anchors = anchors_of(*fns)  # type: ignore[attr-defined]
+    placement.__name__ = f"{name}({', '.join(map(name_of, fns))})"
     needs_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in fns)
     return requires_quadrant(placement) if needs_quadrant else placement
+
+
+def _within_region(name: str, region: Region) -> PlacementFn:
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        return _inside(layout, cells, region)
+
+    placement.region = region  # type: ignore[attr-defined]
+    placement.__name__ = name
+    return placement
+
+
+def _inside(layout: Layout, cells: jax.Array, region: Region) -> jax.Array:
+    return within(layout.grid.size, cells, jnp.concatenate(region(layout.grid.size, layout.grid.cell, cells)))
 
 
 def _has_quadrant(layout: Layout) -> jax.Array:

@@ -10,6 +10,7 @@ from maax_mjx.layout.layout import PlacementFn
 from maax_mjx.layout.placement import (
     centre_placement,
     middle_placement,
+    name_of,
     outside_quad_placement,
     quad_placement,
     room_placement,
@@ -24,6 +25,7 @@ ROOM = "room"
 def _or_anywhere(fn: PlacementFn) -> PlacementFn:
     """The same placement, which an environment without a quadrant takes, too."""
     placement = partial(fn)
+    placement.__name__ = name_of(fn)  # type: ignore[attr-defined]
     placement.inside_quadrant = getattr(fn, "inside_quadrant", False)  # type: ignore[attr-defined]
     return placement
 

@@ -32,6 +32,7 @@ class RandomRooms:
     quadrant_cells = None
     shortest_wall = None
     fixed_doors = False
+    fixed_walls = False
     tries = 8
 
     @property

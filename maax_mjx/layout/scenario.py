@@ -19,7 +19,9 @@ Cells = Callable[[int], int]
 
 
 class Scenario(Protocol):
-    """A kind of room plan: how one is drawn, and what is known of all of them before."""
+    """A kind of room plan: how one is drawn, and what is known of all of them before. A value, which can be hashed."""
+
+    def __hash__(self) -> int: ...
 
     @property
     def n_walls(self) -> int:
@@ -48,6 +50,10 @@ class Scenario(Protocol):
     @property
     def fixed_doors(self) -> bool:
         """Whether every one of its walls is there and has a door, in every world."""
+
+    @property
+    def fixed_walls(self) -> bool:
+        """Whether its walls stand at the same places in every world."""
 
     @property
     def tries(self) -> int:
@@ -91,6 +97,7 @@ class FixedScenario:
     wall_cells: Cells
     quadrant_cells: Cells | None
     fixed_doors: bool
+    fixed_walls: bool
     tries = 1
 
     @property

@@ -40,6 +40,7 @@ def register_scenario(
     wall_cells: Cells | None = None,
     quadrant_cells: Cells | None = None,
     fixed_doors: bool = True,
+    fixed_walls: bool = False,
 ) -> None:
     """Gives a room scenario of your own a name, which `WallScenarios` and the configs of games then take.
 
@@ -72,6 +73,8 @@ def register_scenario(
         quadrant_cells: from `grid_size` to how many cells its quadrant has at the least; None has no quadrant. Room 0
             is the quadrant, and the first two walls are its walls.
         fixed_doors: whether every wall is there, with its door, in every world; else `door_mask` is observed.
+        fixed_walls: whether the walls stand at the same places in every world, whatever the key, so that a placement
+            that they leave no place is refused when an environment is composed.
 
     Raises:
         ValueError: a name that is taken, what is not a function, or a wrong number. An environment that draws the
@@ -101,6 +104,7 @@ def register_scenario(
         wall_cells=(lambda grid_size: n_walls * grid_size) if wall_cells is None else wall_cells,
         quadrant_cells=quadrant_cells,
         fixed_doors=check_bool("fixed_doors", fixed_doors),
+        fixed_walls=check_bool("fixed_walls", fixed_walls),
     )
 
 
@@ -109,8 +113,16 @@ def _cells_inside(quadrant: int) -> int:
     return (quadrant - 1) * (quadrant - 2)
 
 
-register_scenario("empty", empty, n_walls=0, n_rooms=1)
-register_scenario("half", half, n_walls=1, n_rooms=2, shortest_wall=lambda g: g, narrowest_room=lambda g: g - g // 2)
+register_scenario("empty", empty, n_walls=0, n_rooms=1, fixed_walls=True)
+register_scenario(
+    "half",
+    half,
+    n_walls=1,
+    n_rooms=2,
+    shortest_wall=lambda g: g,
+    narrowest_room=lambda g: g - g // 2,
+    fixed_walls=True,
+)
 register_scenario(
     "quad",
     quad,
@@ -119,6 +131,7 @@ register_scenario(
     shortest_wall=lambda g: g // 2,
     wall_cells=lambda g: 2 * (g // 2),
     quadrant_cells=lambda g: _cells_inside(g // 2),
+    fixed_walls=True,
 )
 register_scenario(
     "var_quad",

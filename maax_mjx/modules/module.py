@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import jax
 import mujoco
+import numpy as np
 
 from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter
@@ -117,6 +118,10 @@ class Module(Recorded):
     def wall_cells(self, grid_size: int) -> int:
         """Returns the largest number of cells that its walls take."""
         return 0
+
+    def fixed_cells(self, grid_size: int) -> np.ndarray:
+        """Returns the cells (G, G) bool that its walls take in every world."""
+        return np.zeros((grid_size, grid_size), bool)
 
     def quadrant_cells(self, grid_size: int) -> int:
         """Returns the smallest number of cells of its quadrant."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +15,10 @@ from maax_mjx.common.observed import POSITION, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, World
 from maax_mjx.layout import walls as wall_layout
+from maax_mjx.layout.grid import Grid
 from maax_mjx.layout.redraw import redraw
 from maax_mjx.layout.rooms import Rooms, with_doors
-from maax_mjx.layout.scenario import Cells
+from maax_mjx.layout.scenario import Cells, Scenario
 from maax_mjx.layout.scenarios import scenario_by_name
 from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.module import BELOW, Module
@@ -159,6 +161,12 @@ class WallScenarios(Module):
         outer = 4 * grid_size - 4 if self.n_outer else 0
         return outer + max(scenario.wall_cells(grid_size) for scenario in self._drawn)
 
+    def fixed_cells(self, grid_size: int) -> np.ndarray:
+        cells = np.logical_and.reduce([_fixed_cells(scenario, grid_size) for scenario in self._drawn])
+        if self.n_outer and self.prob_outside_walls[0] == 1:
+            cells[[0, -1]] = cells[:, [0, -1]] = True
+        return cells
+
     def quadrant_cells(self, grid_size: int) -> int:
         sizes = [scenario.quadrant_cells(grid_size) for scenario in self._drawn if scenario.quadrant_cells]
         return min(sizes, default=0)
@@ -214,8 +222,7 @@ class WallScenarios(Module):
             grid=wall_layout.mark(wall_layout.mark(layout.grid, outer), rooms.walls),
             plan=plan,
             fields=fields,
-            valid=layout.valid & rooms.valid,
-        )
+        ).noting(self.name, ~rooms.valid)
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """Returns `door_obs` (n_doors, 3): x, y of the middle and the width of every true opening, in metres.
@@ -302,6 +309,20 @@ class RandomWalls(WallScenarios):
             friction=friction,
             outer=outer if outside_walls else "none",
         )
+
+
+@cache
+def _fixed_cells(scenario: Scenario, grid_size: int) -> np.ndarray:
+    """Returns the cells (G, G) bool that a scenario's inner walls take, if they take the same in every world."""
+    if not (scenario.fixed_walls and scenario.n_walls):
+        return np.zeros((grid_size, grid_size), bool)
+
+    @jax.jit
+    def cells(key: jax.Array) -> jax.Array:
+        walls = scenario.draw(key, key, grid_size, DomainParams({})).walls
+        return wall_layout.mark(Grid.create(grid_size, 1.0), walls).occupancy() > 0
+
+    return np.array(cells(jax.random.key(0)))
 
 
 def _known(cells: Cells | None, grid_size: int) -> int | None:

@@ -109,6 +109,15 @@ class Shards:
         host = np.asarray(x)
         return jax.make_array_from_callback(host.shape, NamedSharding(self.mesh, P()), host.__getitem__)
 
+    def on_host(self, tree: Any) -> Any:
+        """Copies this process's worlds of a batch's arrays to the host, with the leading axis (n,)."""
+
+        def rows(x: jax.Array) -> np.ndarray:
+            parts = [np.asarray(shard.data) for shard in x.addressable_shards]
+            return np.concatenate([part.reshape(-1, *x.shape[len(self.shape) :]) for part in parts])
+
+        return jax.tree.map(rows, tree)
+
 
 def _with_options(function: Callable, plain: Callable, donate: tuple[int, ...], options: Mapping[str, Any]) -> Callable:
     """Returns the function compiled with options; inside other compiled code, where JAX allows none, the plain one."""

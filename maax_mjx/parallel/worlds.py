@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import Any
@@ -15,6 +16,7 @@ from maax_mjx.common.checks import check_bool, check_count, check_key, check_not
 from maax_mjx.common.params import DomainParams, check_params
 from maax_mjx.common.runtime import is_out_of_memory, quick_compilation
 from maax_mjx.common.spaces import check_action
+from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
@@ -76,6 +78,7 @@ class Worlds:
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
         self._ran: WeakSet[Callable] = WeakSet()
+        self._saw_layouts = False
 
     def __repr__(self) -> str:
         devices = self.shards.devices
@@ -92,15 +95,25 @@ class Worlds:
                 and their cost even. They begin as if some steps had passed with the world at rest; agents' observations
                 before their first step are still an episode's first ones.
 
+        Warns:
+            UserWarning: at the first reset, where more than one layout in a hundred is invalid; the message has their
+                share and the placements to blame.
+
         Raises:
-            ValueError: a raw uint32 key, or params out of their bounds.
+            ValueError: a raw uint32 key, or params out of their bounds; at the first reset, no layout that is valid.
             MemoryError: more worlds than fit.
         """
         check_key("key", key)
         stagger = check_bool("stagger", stagger)
         params = self.env.default_params if params is None else params
         shared = self.shards.share(key), self._per_world(params), self.shards.share(np.asarray(stagger))
-        return self._run(self._reset, *shared)
+        states = self._run(self._reset, *shared)
+        if not self._saw_layouts and not is_traced(states):
+            self._saw_layouts = True
+            valid, ranges = self.shards.on_host((states.world.valid, states.params))
+            if blamed := blame(self.env.base, valid, ranges):
+                warnings.warn(f"Worlds: {blamed}", stacklevel=2)
+        return states
 
     def step(self, states: WorldsState, action: Any) -> WorldsState:
         """Advances every world by one env step, and starts the next episode where one ended.

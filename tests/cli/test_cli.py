@@ -154,6 +154,21 @@ def test_sheet_of_worlds(tmp_path, capsys):
     assert np.asarray(Image.open(tmp_path / "a" / "b.png")).std() > 10
 
 
+@pytest.mark.slow
+def test_invalid_layouts_and_the_placement_to_blame(tmp_path, capsys):
+    """The centre is free in one of two scenarios, and every world draws one of them."""
+    args = ["--scenario", "empty", "half", "--placement=centre", "--n-agents=1", "--n=24", f"--out={tmp_path}/a.png"]
+    main(["worlds", "--json", *args])
+    told = json.loads(capsys.readouterr().out)
+    assert 0 < told["invalid"] < 24
+    (blamed,) = told["blamed"]
+    assert blamed.startswith(f"centre: {told['invalid'] / 24:.0%} of 24 layouts are invalid")
+    assert "agent0 (centre_placement) in 100% of them" in blamed
+    with pytest.raises(SystemExit):
+        main(["worlds", "--scenario=quad", "--placement=centre", f"--out={tmp_path}/b.png"])
+    assert "centre_placement for agent0, which has no place in any world" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("text", ["middle:x", "quad:3", "nowhere", "room:x", "proximity:1"])
 def test_placements_that_are_none(text):
     with pytest.raises(ValueError, match="placement: got"):
