@@ -14,14 +14,18 @@ from mujoco import mjx
 from maax_mjx.physics.connects import with_velocity_terms
 from maax_mjx.physics.mjx_internals import constraint_rows
 
-POINTS = np.array([0, 1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 7 / 8, 1, 3 / 2, 2, 3, 4, 8, 16])
-"""Step lengths that a line search looks at first."""
+POINTS = np.array([
+    0, 1e-6, 1e-5, 1e-4, 1e-3, 1 / 64, 1 / 16, 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4, 7 / 8, 1, 3 / 2, 2, 4, 16,
+])  # fmt: skip
+"""Step lengths that a line search looks at first: in tight places a row begins to push after a millionth of a step."""
 PARTS = np.linspace(0, 1, 18)[1:-1]
 """Parts of the interval that is left, where it looks next."""
 HALVINGS = 4
 """Halvings of the interval per pass, each an iteration of a line search."""
 MAX_PASSES = 3
 """Passes after which the interval is so short that hardly a row changes in it."""
+ACCURACY = 1e-4
+"""Share of the constraint forces that may be out of balance at the end; in float32 one step from afar leaves more."""
 
 
 class Point(NamedTuple):
@@ -33,7 +37,6 @@ class Point(NamedTuple):
         jar: (nefc,) constraint rows times `qacc`, less their reference.
         active: (nefc,) bool, the rows that push.
         grad: (nv,) gradient of the cost.
-        cost: ().
     """
 
     qacc: jax.Array
@@ -41,7 +44,6 @@ class Point(NamedTuple):
     jar: jax.Array
     active: jax.Array
     grad: jax.Array
-    cost: jax.Array
 
 
 class Progress(NamedTuple):
@@ -80,6 +82,9 @@ def solve(m: mjx.Model, d: mjx.Data) -> mjx.Data:
     between the places where rows begin or cease to push. So a full Newton step after which the same rows push has found
     the minimum, and the slope along a line never falls, which makes a line search a search for one zero.
 
+    Where the iterations end before the minimum, forces are those that belong to the accelerations reached. Those of the
+    rows are not in balance there, and rows are so stiff that they would throw agents out of the arena.
+
     Args:
         m: a model to which `applies` applies.
         d: data with the rows of `mjx.fwd_position` and the forces of `mjx.fwd_acceleration`.
@@ -98,13 +103,14 @@ def solve(m: mjx.Model, d: mjx.Data) -> mjx.Data:
 
     def at(qacc: jax.Array, ma: jax.Array, jar: jax.Array) -> Point:
         active = pushes(jar)
-        pushed = jnp.where(active, weight * jar, 0)
-        excess = ma - d.qfrc_smooth
-        cost = 0.5 * jnp.dot(pushed, jar) + 0.5 * jnp.dot(excess, qacc - d.qacc_smooth)
-        return Point(qacc, ma, jar, active, excess + rows.T @ pushed, cost)
+        return Point(qacc, ma, jar, active, ma - d.qfrc_smooth + rows.T @ jnp.where(active, weight * jar, 0))
 
     def start(qacc: jax.Array) -> Point:
         return at(qacc, inertia @ qacc, rows @ qacc - reference)
+
+    def cost(point: Point) -> jax.Array:
+        pushed = jnp.where(point.active, weight * point.jar, 0)
+        return 0.5 * (jnp.dot(pushed, point.jar) + jnp.dot(point.ma - d.qfrc_smooth, point.qacc - d.qacc_smooth))
 
     def improve(progress: Progress) -> Progress:
         before = progress.point
@@ -117,50 +123,73 @@ def solve(m: mjx.Model, d: mjx.Data) -> mjx.Data:
 
         def slopes(steps: jax.Array) -> jax.Array:
             there = before.jar[:, None] + js[:, None] * steps
-            pushed = jnp.where(pushes(there), there, 0)
-            return slope + steps * curvature + (weight * js) @ pushed
+            return slope + steps * curvature + (weight * js) @ jnp.where(pushes(there), there, 0)
+
+        def curvatures(steps: jax.Array) -> jax.Array:
+            pushing = pushes(before.jar[:, None] + js[:, None] * steps)
+            return curvature + jnp.where(pushing, (weight * js * js)[:, None], 0).sum(axis=0)
 
         with jax.named_scope("line_search"):
-            step = jnp.where(settled, 1.0, _zero(slopes, passes, before.jar.dtype))
+            step = jnp.where(settled, 1.0, _zero(slopes, curvatures, passes, before.jar.dtype))
         after = at(before.qacc + step * search, before.ma + step * ms, before.jar + step * js)
-        better = settled | (after.cost < before.cost)
-        small = ((before.cost - after.cost) * scale < m.opt.tolerance) | (
-            jnp.linalg.norm(after.grad) * scale < m.opt.tolerance
-        )
+        # The difference of two costs would be rounded to nothing where a step is short.
+        old, new = (jnp.where(point.active, point.jar, 0) for point in (before, after))
+        gain = -step * (slope + 0.5 * step * curvature) - 0.5 * jnp.dot(weight * (new - old), new + old)
+        better = settled | (gain > 0)
+        small = (gain * scale < m.opt.tolerance) | (jnp.linalg.norm(after.grad) * scale < m.opt.tolerance)
+        accurate = jnp.linalg.norm(after.grad) <= ACCURACY * jnp.linalg.norm(after.ma - d.qfrc_smooth)
         n = progress.n + 1
         point = jax.tree.map(lambda old, new: jnp.where(better, new, old), before, after)
-        return Progress(point, n, settled | small | ~better | (n >= m.opt.iterations))
+        return Progress(point, n, (settled & accurate) | small | ~better | (n >= m.opt.iterations))
 
     warm, smooth = start(d.qacc_warmstart), start(d.qacc_smooth)
     if m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_WARMSTART:
         first = smooth
     else:
-        first = jax.tree.map(lambda a, b: jnp.where(warm.cost < smooth.cost, a, b), warm, smooth)
+        first = jax.tree.map(lambda a, b: jnp.where(cost(warm) < cost(smooth), a, b), warm, smooth)
     # At least one step: the warm start, where that is the minimum already, would have no derivative.
     begun = Progress(first, jnp.zeros((), jnp.int32), jnp.zeros((), bool))
     last = jax.lax.while_loop(lambda progress: ~progress.done, improve, begun).point
-    return d.replace(qacc=last.qacc, qfrc_constraint=last.ma - d.qfrc_smooth - last.grad)
+    return d.replace(qacc=last.qacc, qfrc_constraint=last.ma - d.qfrc_smooth)
 
 
-def _zero(slopes: Callable[[jax.Array], jax.Array], passes: int, dtype: Any) -> jax.Array:
+def _zero(
+    slopes: Callable[[jax.Array], jax.Array], curvatures: Callable[[jax.Array], jax.Array], passes: int, dtype: Any
+) -> jax.Array:
     """The step length at which a slope that does not fall is zero.
 
     Looks at many lengths at once, where a bisection would wait for one after the other: what takes time on an
     accelerator is the number of passes over the rows, not their arithmetic.
+
+    Args:
+        slopes: from lengths (n,) to the slopes there.
+        curvatures: from lengths (n,) to the derivatives of the slopes there.
+        passes: how often slopes are asked for.
+        dtype: of the lengths.
     """
-    steps, parts = jnp.asarray(POINTS, dtype), jnp.asarray(PARTS, dtype)
-    low, high = _around_zero(steps, slopes(steps))
+    points, parts = jnp.asarray(POINTS, dtype), jnp.asarray(PARTS, dtype)
+    ends, rises = _around_zero(points, slopes(points))
     for _ in range(passes - 1):
-        steps = low[0] + (high[0] - low[0]) * parts
-        low, high = _around_zero(
-            jnp.concatenate([low[:1], steps, high[:1]]), jnp.concatenate([low[1:], slopes(steps), high[1:]])
+        # Where a stiff row begins to push, the slope bends upwards. A length short of the bend gets nowhere: the row is
+        # not in the next Hessian. So the zeros of both ends' tangents are looked at, too: after one bend, that of the
+        # upper end is the zero itself.
+        tangents = ends - rises / jnp.maximum(curvatures(ends), mujoco.mjMINVAL)
+        steps = jnp.concatenate([ends[0] + (ends[1] - ends[0]) * parts, jnp.clip(tangents, ends[0], ends[1])])
+        there = slopes(steps)
+        ends, rises = _around_zero(
+            jnp.concatenate([ends[:1], steps, ends[1:]]), jnp.concatenate([rises[:1], there, rises[1:]])
         )
     # Between neighbours the slope is a straight line, unless a row begins or ceases to push just there.
-    return low[0] + (high[0] - low[0]) * jnp.clip(-low[1] / jnp.maximum(high[1] - low[1], mujoco.mjMINVAL), 0, 1)
+    return ends[0] + (ends[1] - ends[0]) * jnp.clip(-rises[0] / jnp.maximum(rises[1] - rises[0], mujoco.mjMINVAL), 0, 1)
 
 
 def _around_zero(steps: jax.Array, slopes: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The neighbours (length, slope) between which the slopes, which do not fall, pass zero."""
-    first = jnp.clip(jnp.sum(slopes[1:-1] < 0), 0, len(steps) - 2)
-    pairs = jnp.stack([steps, slopes], axis=1)
-    return pairs[first], pairs[first + 1]
+    """The neighbours between which the slopes, which do not fall, pass zero: their lengths (2,) and slopes (2,).
+
+    The first length is the least and the last the greatest; the others need no order.
+    """
+    below = (slopes < 0).at[jnp.array([0, -1])].set(jnp.array([True, False]))
+    low = jnp.argmax(jnp.where(below, steps, -jnp.inf))
+    high = jnp.argmin(jnp.where(below, jnp.inf, steps))
+    pair = jnp.stack([low, high])
+    return steps[pair], slopes[pair]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from dataclasses import replace
 
+import jax.numpy as jnp
 import pytest
 
 import maax_mjx as maax
@@ -22,11 +24,26 @@ class TinyConfig(maax.StandardConfig):
     n_ramps: int = 0
 
 
+class Faulty(maax.Wrapper):
+    """Makes a physics fault of every step."""
+
+    def transition(self, state, action):
+        return self.env.advance(state, {"move": jnp.full_like(action["move"], jnp.nan)})
+
+
+GAMES = {
+    "tiny": lambda config: maax.RestrictAgentsRect(standard(config), (1, 1, 5, 5)),
+    "tiny_bins": lambda config: maax.DiscretizeActions(standard(replace(config, n_frames=3)), 11),
+    "tiny_faulty": lambda config: Faulty(standard(config)),
+}
+
+
 @pytest.fixture(scope="session", autouse=True)
 def tiny():
-    """Registers the environment "tiny"."""
-    if "tiny" not in maax.tasks():
-        maax.register("tiny", lambda config: maax.RestrictAgentsRect(standard(config), (1, 1, 5, 5)), TinyConfig)
+    """Registers small environments."""
+    for name, build in GAMES.items():
+        if name not in maax.tasks():
+            maax.register(name, build, TinyConfig)
 
 
 def _run(module, path, **options):

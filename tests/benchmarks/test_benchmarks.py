@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers import seeds
 
+import maax_mjx as maax
 from maax_mjx.benchmarks import BENCHMARKS, grabs, gradients, hostile, layouts, load, outer, plots, sampling, step
 
 
@@ -97,11 +98,36 @@ def test_step(run, tmp_path):
 
 @pytest.mark.slow
 def test_hostile(run, tmp_path):
-    rows = run(hostile, tmp_path / "hostile_c.json", worlds=2, steps=50, held=(50, 1), gravity=(-9.81,))
-    assert [row["held"] for row in rows] == [50, 1]
+    rows = run(hostile, tmp_path / "hostile_c.json", games=("tiny_bins",), worlds=2, steps=100, held=(50, 1))
+    assert [(row["force"], row["held"]) for row in rows] == [("random", 1), ("full", 50), ("full", 1)]
     for row in rows:
         assert all(row[name] for name in ("finite", "inside", "faults_truncate"))
+        assert (row["physics_steps"], row["physics_faults"]) == (2 * 100 * 3, 0)
         assert row["env_steps_per_s"] > 0
+
+
+@pytest.mark.slow
+def test_hostile_counts_faults_until_time_is_over(run, tmp_path):
+    """Every world of this game has a fault in every step."""
+    options = dict(games=("tiny_faulty",), worlds=2, steps=10**7, held=(), max_minutes=0.02)
+    row, *_ = run(hostile, tmp_path / "hostile_faulty.json", **options)
+    assert 100 <= row["physics_faults"] == row["physics_steps"] < 10**6
+    assert row["faults_per_million"] == 1e6
+    assert row["finite"]
+    assert row["faults_truncate"]
+
+
+@pytest.mark.parametrize("game", ["tiny", "tiny_bins"])
+def test_hostile_forces(game):
+    """Full ones are the greatest either way, as often; random ones are the space's own."""
+    env = maax.make(game, impl="c")
+    full, random = (np.asarray(hostile.actions(env, 500, seeds.key(0), kind)["move"]) for kind in (True, False))
+    low, high = (-1, 1) if game == "tiny" else (0, 10)
+    assert set(np.unique(full)) == {low, high}
+    # 1,500 throws of a coin: six standard deviations.
+    assert abs((full == high).mean() - 0.5) < 6 * 0.5 / 1500**0.5
+    assert len(np.unique(random)) > 2
+    assert random.dtype == full.dtype
 
 
 @pytest.mark.slow
@@ -151,6 +177,8 @@ def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
         (layouts, dict(steps=0), "steps: got 0"),
         (step, dict(worlds=(8, 0)), "worlds: got (8, 0)"),
         (hostile, dict(steps=30), "steps: got 30; takes a multiple of 50"),
+        (hostile, dict(games=("tag", "tagg")), "games: got 'tagg'; takes one of"),
+        (hostile, dict(held=(20, 0)), "held: got 0"),
         (outer, dict(steps=7), "steps: got 7"),
         (gradients, dict(repeats=0), "repeats: got 0"),
         (gradients, dict(max_minutes=0.0), "max_minutes: got 0.0"),
