@@ -52,7 +52,6 @@ def test_a_file_that_was_not_finished_leaves_the_old_one(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")
 
-
     def stop():
         with whole(path) as part:
             part.write_text("ne")
