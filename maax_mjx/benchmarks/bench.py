@@ -37,6 +37,8 @@ class Options:
             ValueError: naming the option.
         """
         check_fields(self)
+        if self.out is not None and self.out.is_dir():
+            raise ValueError(f"out: got {self.out}, which is a folder; takes a JSON file")
 
 
 C = TypeVar("C")

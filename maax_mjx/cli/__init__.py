@@ -7,16 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import tyro
 
 from maax_mjx.cli.bench import BENCHMARKS, bench
 from maax_mjx.cli.info import Info, info
 from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
-from maax_mjx.cli.options import MISTAKES, names, split_overrides
+from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
 from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
+from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.tasks import tasks
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
@@ -53,12 +55,20 @@ def main(argv: list[str] | None = None) -> None:
     """
     argv = sys.argv[1:] if argv is None else argv
     try:
+        check_words(argv)
         if argv[:1] == ["bench"]:
             bench(argv[1:])
         else:
             run(argv)
     except MISTAKES as error:
         print(f"maax-mjx: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except jax.errors.JaxRuntimeError as error:
+        if not is_out_of_memory(error):
+            raise
+        print(
+            f"maax-mjx: the memory does not suffice ({str(error).splitlines()[0]}); takes fewer worlds", file=sys.stderr
+        )
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         print("maax-mjx: interrupted", file=sys.stderr)

@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import tyro
+from gymnasium import spaces
 
 import maax_mjx as maax
 from maax_mjx.cli.options import config_with, names, report
@@ -36,7 +37,7 @@ PACKAGES = (
 
 @dataclass
 class Info:
-    """Shows what is installed: versions, devices, engines; or an environment's config, teams and observations."""
+    """Shows what is installed: versions, devices, engines; or an environment's config, teams and spaces."""
 
     env: tyro.conf.Positional[names(maax.tasks()) | None] = None  # type: ignore[valid-type]
     """An environment's name; without one, shows what is installed."""
@@ -71,7 +72,7 @@ def of_installation() -> dict[str, Any]:
 
 
 def of_env(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
-    """Collects an environment's config fields, metadata, teams and observations.
+    """Collects an environment's config fields, teams, spaces and observations, and what it is.
 
     Args:
         name: name of the environment.
@@ -79,11 +80,19 @@ def of_env(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
     """
     config = config_with(name, "auto", overrides)
     env = maax.make(name, config)
-    texts = [inspect.getdoc(kind) for kind in type(config).__mro__ if is_dataclass(kind)]
-    teams = {team.name: ", ".join(team.agents) for team in env.teams.values()}
-    observations = [row._asdict() for row in env.describe()]
-    about = [text for text in texts if text]
-    return {"env": name, "fields": _fields(config), "teams": teams, "observations": observations, "about": about}
+    return {
+        "env": name,
+        "fields": _fields(config),
+        "teams": {team.name: ", ".join(team.agents) for team in env.teams.values()},
+        "action space": _space(env.action_space),
+        "observation space": _space(env.observation_space),
+        "observations": [row._asdict() for row in env.describe()],
+        "about": inspect.cleandoc(type(config).__doc__ or ""),
+    }
+
+
+def _space(space: spaces.Dict) -> dict[str, str]:
+    return {name: str(part) for name, part in space.items()}
 
 
 def _fields(config: Any, prefix: str = "") -> dict[str, Any]:
@@ -128,7 +137,7 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
             table = Description(Row(**row) for row in value)
             lines += [name, *(f"  {line}" for line in str(table).splitlines())]
         elif name == "about":
-            lines += ["", *"\n\n".join(value).splitlines()]
+            lines += ["", *str(value).splitlines()]
         elif isinstance(value, Mapping):
             lines += [f"{name}", *(f"  {key:26} {_shown(text)}" for key, text in value.items())]
         elif isinstance(value, list):

@@ -6,15 +6,18 @@ import ast
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
+from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import maax_mjx as maax
-from maax_mjx.common.annotated import field_kinds
+from maax_mjx.common.annotated import Bounds, field_kinds
+from maax_mjx.common.checks import LONG
 from maax_mjx.core.env import Environment
 
 ENV = "--env."
-MISTAKES = (ValueError, OSError, maax.MissingLibraryError)
+MISTAKES = (ValueError, OSError, MemoryError, maax.MissingLibraryError)
+Seed = Annotated[int, Bounds(0, LONG)]
 
 
 def names(choices: Iterable[str]) -> Any:
@@ -23,14 +26,14 @@ def names(choices: Iterable[str]) -> Any:
 
 
 def check_words(argv: Sequence[str]) -> None:
-    """Refuses empty values, which an option would take for something: a path for the working directory.
+    """Refuses empty values: an empty path would be the working directory.
 
     Raises:
         ValueError: an empty value; the message names its option.
     """
-    for name, value in (word.split("=", 1) if "=" in word else ("", word) for word in argv):
-        if not value:
-            name = name or argv[list(argv).index("") - 1]
+    for before, word in zip(["", *argv], argv, strict=False):
+        name, equals, value = word.partition("=") if word.startswith("--") else (before, "", word)
+        if not value and (equals or not word):
             raise ValueError(f"{name.removeprefix('--')}: got an empty value; takes one, or leave the option out")
 
 
@@ -109,6 +112,29 @@ def _inner_configs(config: type) -> dict[str, type]:
 def report(result: Mapping[str, Any], as_json: bool, lines: str) -> None:
     """Prints a command's result: JSON for machines, or lines for people."""
     print(json.dumps(result, indent=1) if as_json else lines, flush=True)
+
+
+def check_out(path: Path, endings: Sequence[str]) -> None:
+    """Refuses a path that no file of some kinds can be written to.
+
+    Raises:
+        ValueError: another ending, or a folder.
+    """
+    folder = ", which is a folder" if path.is_dir() else ""
+    if folder or path.suffix.lower() not in endings:
+        raise ValueError(f"out: got {path}{folder}; takes a file that ends in one of {', '.join(endings)}")
+
+
+def make_folder(path: Path) -> None:
+    """Makes a folder for files, and those above it.
+
+    Raises:
+        ValueError: the folder cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"out: got {path}, where no folder can be made ({error.strerror}); takes another") from None
 
 
 def count_of(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:

@@ -11,7 +11,7 @@ import tyro
 from PIL import Image
 
 import maax_mjx as maax
-from maax_mjx.cli.options import names, report
+from maax_mjx.cli.options import check_out, make_folder, names, report
 from maax_mjx.cli.saved import load
 from maax_mjx.common.whole import whole
 from maax_mjx.viewer.render import VIEWS
@@ -53,12 +53,11 @@ def replay(args: Replay) -> None:
     if args.file.is_dir():
         raise ValueError(f"file: got {args.file}, which is a folder; takes a rollout.npz of maax-mjx rollout")
     out = args.file.with_suffix(".html") if args.out is None else args.out
+    check_out(out, KINDS)
     kind = out.suffix.lower()
-    if kind not in KINDS:
-        raise ValueError(f"out: got {out}; takes a file that ends in one of {', '.join(KINDS)}")
     env, recording = load(args.file)
     worlds = list(args.worlds) or None
-    out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     senses: Any = {"vision": args.vision, "lidar": args.lidar}
     with whole(out) as part:
         if kind == ".html":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,9 +17,9 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import make_env, names, report
+from maax_mjx.cli.options import Seed, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.progress import progress
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
@@ -49,15 +50,15 @@ class Rollout:
 
     env: tyro.conf.Positional[names(maax.tasks())] = "standard"  # type: ignore[valid-type]
     """Name of the environment."""
-    worlds: int = 256
+    worlds: PositiveCount = 256
     """Number of worlds stepped together, each in its own layout."""
-    steps: int = 1000
+    steps: PositiveCount = 1000
     """Number of env steps."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the worlds and the actions."""
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
-    show: int = 1
+    show: PositiveCount = 1
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
     """Folder for the files."""
@@ -73,13 +74,10 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
         overrides: values of the environment's config fields, as texts.
 
     Raises:
-        ValueError: an option out of its range, or arguments that `maax.make` refuses.
+        ValueError: an option out of its range, more worlds than fit into memory, or arguments that `maax.make` refuses.
         KeyboardInterrupt: after Ctrl-C, once everything is written.
     """
-    for name in ("worlds", "steps", "show"):
-        check_count(name, getattr(args, name), minimum=1)
-    if not 0 <= args.seed < 2**63:
-        raise ValueError(f"seed: got {args.seed}; takes 0 to 2**63 - 1")
+    check_fields(args)
     if args.show > args.worlds:
         raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
     with Interrupt() as interrupt:
@@ -91,12 +89,8 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
 
 def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(
-            f"out: got {args.out}, where no folder can be made ({error.strerror}); takes another"
-        ) from None
+    _check_memory(env, args.worlds)
+    make_folder(args.out)
     worlds = Worlds(env, args.worlds)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
     bar = progress(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
@@ -126,6 +120,23 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
     recording = Recording.of(frames)
     files = _write(args, overrides, env, states, first, recording)
     return _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
+
+
+def _check_memory(env: Environment, n_worlds: int) -> None:
+    """Refuses more worlds than the device has memory for: a system that runs out of it may end the process unasked.
+
+    Raises:
+        ValueError: states that alone fill the memory.
+    """
+    size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(env.state_shape))
+    device = jax.devices()[0]
+    stats = (device.memory_stats() or {}) if device.platform != "cpu" else {}
+    memory = stats.get("bytes_limit") or os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if n_worlds * size > memory:
+        raise ValueError(
+            f"worlds: got {n_worlds:,}; takes fewer than {memory // size:,}: states of {size / 1e3:.0f} kB each would "
+            f"fill the memory of {memory / 1e9:.0f} GB"
+        )
 
 
 def _advance(worlds: Worlds) -> jax.stages.Wrapped:

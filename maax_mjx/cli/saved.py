@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 
 import maax_mjx as maax
 from maax_mjx.cli.options import make_env
+from maax_mjx.common.annotated import check_value
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import Recording
@@ -44,28 +44,46 @@ def load(path: Path) -> tuple[Environment, Recording]:
     Raises:
         ValueError: a file that `save` did not write, or one of another version.
     """
-    try:
-        with np.load(path) as file:
-            arrays = dict(file)
-        meta = json.loads(str(arrays.pop(META)))
-    except FileNotFoundError:
-        raise ValueError(f"file: got {path}, which is not there; takes a rollout.npz of maax-mjx rollout") from None
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile):
-        raise ValueError(
-            f"file: got {path}, which is no saved rollout; takes a rollout.npz of maax-mjx rollout"
-        ) from None
+    meta, arrays = _read(path)
     if meta["format"] != FORMAT:
         raise ValueError(f"file: got {path} of format {meta['format']}; takes format {FORMAT}")
     # Pictures do not depend on the engine.
     env = make_env(meta["env"], "c" if jax.default_backend() == "cpu" else "jax", meta["overrides"])
     template = Recording(strip(env.state_shape), jax.ShapeDtypeStruct((env.base.n_agents,), jnp.float32))
-    missing = sorted(set(_leaves(template)) - set(arrays))
-    if missing:
+    wanted = _leaves(template)
+    lead = np.shape(next(iter(arrays.values()), ()))[:2]
+    wrong = [
+        name
+        for name, x in sorted(wanted.items())
+        if name not in arrays or arrays[name].shape != (*lead, *x.shape) or arrays[name].dtype != x.dtype
+    ]
+    if wrong:
         raise ValueError(
-            f"file: got {path}, written by maax_mjx {meta['maax_mjx']}, without {', '.join(missing)}; "
-            f"this is maax_mjx {maax.__version__}"
+            f"file: got {path}, written by maax_mjx {meta['maax_mjx']}, without {', '.join(wrong)} as maax_mjx "
+            f"{maax.__version__} has them; takes a rollout.npz of this version"
         )
-    return env, jax.tree.unflatten(jax.tree.structure(template), [arrays[name] for name in _leaves(template)])
+    return env, jax.tree.unflatten(jax.tree.structure(template), [arrays[name] for name in wanted])
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Reads what `save` wrote: how to make the environment, and the arrays by name.
+
+    Raises:
+        ValueError: no file, or another one, or a damaged one.
+    """
+    takes = "takes a rollout.npz of maax-mjx rollout"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+        meta = json.loads(str(arrays.pop(META)))
+        for name, kind in (("format", int), ("maax_mjx", str), ("env", str), ("overrides", dict)):
+            check_value(name, meta[name], kind)
+        return meta, arrays
+    except FileNotFoundError:
+        raise ValueError(f"file: got {path}, which is not there; {takes}") from None
+    # Damaged bytes make zipfile, zlib and NumPy raise errors of a dozen kinds.
+    except Exception as error:
+        raise ValueError(f"file: got {path}, which is no saved rollout, or damaged ({error}); {takes}") from None
 
 
 def _leaves(tree: Any) -> dict[str, Any]:

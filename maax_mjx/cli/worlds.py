@@ -10,13 +10,18 @@ from typing import Literal
 import jax
 
 import maax_mjx as maax
-from maax_mjx.cli.options import count_of, report
+from maax_mjx.cli.options import Seed, check_out, count_of, make_folder, report
+from maax_mjx.common.annotated import PositiveCount, check_fields
+from maax_mjx.common.whole import whole
 from maax_mjx.core.blame import blame
 from maax_mjx.core.export import world_of
 from maax_mjx.layout import PlacementFn, World, placement_by_name
 from maax_mjx.viewer import contact_sheet
 
 Outer = Literal["walls", "limits", "none"]
+KINDS = (".png", ".jpg", ".pdf", ".svg")
+MOST = 500
+"""Worlds in one picture."""
 
 
 @dataclass
@@ -32,11 +37,11 @@ class Sheet:
     """Placements of the agents, each in separate worlds: uniform, centre, middle, quad, outside_quad, room0,
     room1, ..., at:X:Y, middle:FRACTION, separation:RADIUS, proximity:RADIUS:OBJECT (such as proximity:1:box0),
     room:INDEX."""
-    n: int = 12
+    n: PositiveCount = 12
     """Number of worlds for each placement."""
     outer: Outer = "walls"
     """How the arena is closed: walls, joint limits, or not at all (none)."""
-    n_agents: int = 4
+    n_agents: PositiveCount = 4
     """Number of agents per world."""
     n_boxes: tuple[int, ...] = (1,)
     """Number of boxes per world, or LOW HIGH for a range."""
@@ -44,18 +49,30 @@ class Sheet:
     """Number of elongated boxes, or LOW HIGH for a range."""
     n_ramps: tuple[int, ...] = (1,)
     """Number of ramps per world, or LOW HIGH for a range."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the worlds."""
     out: Path = field(default_factory=lambda: Path("maax-out") / "sheet.png")
-    """File of the picture."""
+    """File of the picture: .png, .jpg, .pdf or .svg."""
     json: bool = False
     """Whether to print the result as JSON."""
 
 
 def sheet(args: Sheet) -> None:
-    """Runs `maax-mjx worlds`."""
-    if args.n < 1:
-        raise ValueError(f"n: got {args.n}; takes at least 1")
+    """Runs `maax-mjx worlds`.
+
+    Raises:
+        ValueError: an option out of its range, or arguments that the modules refuse.
+    """
+    check_fields(args)
+    for name in ("scenario", "placement"):
+        if not getattr(args, name):
+            raise ValueError(f"{name}: got no value; takes one or more names")
+    if args.n * len(args.placement) > MOST:
+        raise ValueError(
+            f"n: got {args.n} for each of {len(args.placement)} placements; takes up to {MOST} worlds in one picture"
+        )
+    check_out(args.out, KINDS)
+    make_folder(args.out.parent)
     drawn, blamed = [], []
     for placement in args.placement:
         env = maax.Base(args.n_agents)
@@ -69,8 +86,8 @@ def sheet(args: Sheet) -> None:
         if why := blame(env, *jax.device_get((states.world.valid, states.params))):
             blamed.append(f"{placement}: {why}")
     titles = [_title(args, state.world, placement) for _, state, placement in drawn]
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    contact_sheet([env for env, *_ in drawn], [state for _, state, _ in drawn], args.out, titles)
+    with whole(args.out) as part:
+        contact_sheet([env for env, *_ in drawn], [state for _, state, _ in drawn], part, titles)
     invalid = sum(not state.world.valid for _, state, _ in drawn)
     result = {"file": str(args.out), "worlds": len(drawn), "invalid": invalid, "blamed": blamed}
     report(result, args.json, "\n".join([f"wrote {args.out}: {len(drawn)} worlds, {invalid} invalid", *blamed]))

@@ -94,9 +94,12 @@ def check_value(name: str, value: Any, kind: Any) -> Any:
     """
     if _allows(kind, value):
         return value
-    near = get_close_matches(value, _choices(kind), n=2) if isinstance(value, str) else []
+    rules = _rules(kind)
+    known = [name for rule in rules if isinstance(rule, OneOf) for name in rule.names]
+    near = get_close_matches(value, known, n=2) if isinstance(value, str) else []
     hint = f"did you mean {' or '.join(map(repr, near))}? It " if near else ""
-    size = ", no larger than 32 bits hold" if _is_too_large(value) else ""
+    open_ended = not any(isinstance(rule, Bounds) and rule.high < np.inf for rule in rules)
+    size = ", no larger than 32 bits hold" if open_ended and _is_too_large(value) else ""
     raise ValueError(f"{name}: got {_shown(value)}; {hint}takes {', or '.join(_words(kind))}{size}")
 
 
@@ -195,13 +198,11 @@ def _is_too_large(value: Any) -> bool:
     return is_number(value) and LARGEST[int if is_number(value, int) else float] < abs(value) < np.inf
 
 
-def _choices(kind: Any) -> list[str]:
-    """Returns all words that a type names."""
-    own = [name for x in getattr(kind, "__metadata__", ()) if isinstance(x, OneOf) for name in x.names]
-    if get_origin(kind) is Literal:
-        return [arg for arg in get_args(kind) if isinstance(arg, str)]
-    inner = [] if get_origin(kind) is Callable else get_args(kind)
-    return own + [name for arg in inner for name in _choices(arg)]
+def _rules(kind: Any) -> list[Bounds | OneOf]:
+    """Returns all bounds and choices in a type."""
+    own = [x for x in getattr(kind, "__metadata__", ()) if isinstance(x, Bounds | OneOf)]
+    inner = () if get_origin(kind) in (Callable, Literal) else get_args(kind)
+    return own + [rule for arg in inner for rule in _rules(arg)]
 
 
 def _words(kind: Any, rule: Rule = None) -> list[str]:

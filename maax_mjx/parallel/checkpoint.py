@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gc
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,8 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from maax_mjx.common.checks import check_count, check_not_donated
+from maax_mjx.common.checks import LONG, check_count, check_not_donated
+from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.shards import AXIS
 from maax_mjx.parallel.worlds import Worlds
@@ -46,7 +49,8 @@ class Checkpoints:
         options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
         self.folder = Path(folder).absolute()
         self._orbax = ocp
-        self._manager = ocp.CheckpointManager(self.folder, options=options)
+        with _silence():
+            self._manager = ocp.CheckpointManager(self.folder, options=options)
 
     @property
     def latest(self) -> int | None:
@@ -67,7 +71,7 @@ class Checkpoints:
             RuntimeError: states that were donated.
         """
         latest = self.latest
-        if check_count("number", number) <= (-1 if latest is None else latest):
+        if check_count("number", number, maximum=LONG) <= (-1 if latest is None else latest):
             raise ValueError(f"number: got {number}; takes one greater than that of the latest save, {latest}")
         if worlds.shards.method == "pmap" and jax.process_count() > 1:
             raise ValueError("states: got those of pmap in several processes; takes method='shard_map' to save them")
@@ -91,7 +95,7 @@ class Checkpoints:
 
         Raises:
             FileNotFoundError: no such save.
-            ValueError: a save of other worlds.
+            ValueError: a save of other worlds, without one of the others, or damaged.
         """
         number = self.latest if number is None else number
         if number is None or number not in self._manager.all_steps():
@@ -100,16 +104,16 @@ class Checkpoints:
             raise FileNotFoundError(f"number: got {number}, and {self.folder} {has}")
         like = worlds.states_shape
         wanted = _named(jax.eval_shape(_keyless, like))
-        # Not the manager's own method: in another process than the one that saved, it does not know the items.
-        with _only_errors():
-            metadata = self._orbax.StandardCheckpointer().metadata(self.folder / str(number) / STATES)
-        self._check_same(wanted, metadata.item_metadata.tree)
+        save = self.folder / str(number)
+        if missing := sorted(name for name in others if not (save / name).is_dir()):
+            raise ValueError(f"others: got {missing}, which are not in save {number} of {self.folder}; takes what is")
+        self._check_same(wanted, self._read(number, lambda: self._metadata(save / STATES)))
         spread = {name: _target(worlds, x) for name, x in wanted.items()}
         trees = {STATES: spread, **_boxed(others)}
         args = self._orbax.args.Composite(
             **{name: self._orbax.args.StandardRestore(tree) for name, tree in trees.items()}
         )
-        found = self._manager.restore(number, args=args)
+        found = self._read(number, lambda: self._manager.restore(number, args=args))
 
         def leaf(path: Any, x: Any) -> Any:
             saved = found[STATES].get(_name(path))
@@ -119,6 +123,34 @@ class Checkpoints:
 
         states = jax.tree.map_with_path(leaf, like)
         return states, {name: jax.tree.map(_as_key, found[name][BOX], tree) for name, tree in others.items()}
+
+    def _metadata(self, item: Path) -> Any:
+        """Returns the shapes and dtypes of a saved item by name."""
+        # Not the manager's own method: in another process than the one that saved, it does not know the items.
+        metadata = self._orbax.StandardCheckpointer().metadata(item).item_metadata
+        if metadata is None:
+            raise ValueError(f"no metadata of {item.name!r}")
+        return metadata.tree
+
+    def _read(self, number: int, read: Callable[[], Any]) -> Any:
+        """Returns what `read` returns; a damaged save is one sentence, without Orbax's log and warnings.
+
+        Raises:
+            ValueError: a save that cannot be read.
+        """
+        with _silence():
+            try:
+                return read()
+            except Exception as error:
+                if is_out_of_memory(error):
+                    raise
+                reason = next(iter(str(error).splitlines()), "")[:200]
+            # The error is gone by now: what it held, such as coroutines that nobody awaits, warns as it goes.
+            gc.collect()
+        raise ValueError(
+            f"number: got {number} of {self.folder}, which is damaged, or has others of other shapes ({reason}); takes "
+            f"one of the saves {sorted(self._manager.all_steps())} that can be read"
+        )
 
     def _check_same(self, wanted: dict[str, Any], saved: Any) -> None:
         """Compares names and shapes."""
@@ -134,14 +166,16 @@ class Checkpoints:
 
 
 @contextmanager
-def _only_errors() -> Iterator[None]:
-    """Silences Orbax's warning that an item, unlike a whole save, has no metadata file of its own."""
+def _silence() -> Iterator[None]:
+    """Silences Orbax's log: an item, unlike a whole save, has no metadata file of its own, and errors are raised."""
     from absl import logging
 
     level = logging.get_verbosity()
-    logging.set_verbosity(logging.ERROR)
+    logging.set_verbosity(logging.FATAL)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     finally:
         logging.set_verbosity(level)
 

@@ -11,10 +11,11 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from PIL import Image
 
 import maax_mjx as maax
-from maax_mjx.cli import main
+from maax_mjx.cli import main, saved
 from maax_mjx.cli.options import split_overrides, value_of
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
@@ -58,6 +59,45 @@ def test_a_saved_rollout_is_what_was_played(played):
     assert ((heights > 0.1) & (heights < 0.3)).all()
 
 
+def damaged(data, rng):
+    """The bytes of a file with some changed, cut off, or put in."""
+    at = int(rng.integers(len(data)))
+    if rng.random() < 0.2:
+        return data[:at]
+    if rng.random() < 0.2:
+        return data[:at] + rng.bytes(20) + data[at:]
+    # Mostly where the archive says what is in it, and how it is packed.
+    at = at if rng.random() < 0.3 else data.index(b"PK\x01\x02") + at % 2000
+    return data[:at] + rng.bytes(2) + data[at + 2 :]
+
+
+def test_damaged_rollouts_are_refused_in_one_sentence(played, tmp_path, monkeypatch):
+    """Bytes changed anywhere: the file is refused by a sentence, or loads all the same."""
+    path, rng, refused = tmp_path / "rollout.npz", seeds.rng(0), 0
+    data = (played[0] / "rollout.npz").read_bytes()
+    env, _ = load(played[0] / "rollout.npz")
+    monkeypatch.setattr(saved, "make_env", lambda *_: env)
+    for _ in range(150):
+        path.write_bytes(damaged(data, rng))
+        try:
+            load(path)
+        except ValueError as error:
+            refused += 1
+            assert str(error).startswith(f"file: got {path}")  # noqa: PT017
+            assert "takes" in str(error)  # noqa: PT017
+    assert refused > 50
+
+
+def test_rollouts_of_other_shapes_are_refused(played, tmp_path):
+    with np.load(played[0] / "rollout.npz") as file:
+        arrays = dict(file)
+    name = next(name for name, x in arrays.items() if x.ndim == 3)
+    for other in (arrays[name][..., :-1], arrays[name][:1], arrays[name].astype(complex)):
+        np.savez(tmp_path / "other.npz", **arrays | {name: other})
+        with pytest.raises(ValueError, match=r"without .* as maax_mjx .* has them; takes"):
+            load(tmp_path / "other.npz")
+
+
 @pytest.mark.parametrize("kind", ["html", "png"])
 def test_replay(played, kind, capsys):
     folder, _ = played
@@ -87,7 +127,27 @@ def test_replay(played, kind, capsys):
         (["replay", "a.npz", "--out=a.txt"], "out: got a.txt"),
         (["info", "tagg"], "env: got 'tagg'"),
         (["bench", "hide"], "bench: got 'hide'"),
-        (["rolout"], "did you mean 'rollout'"),
+        (["rolout"], "rolout'; did you mean 'rollout'"),
+        (["rollout", "--worlds", "1_000_000_000_000"], "worlds: got 1000000000000; takes a whole number of at least 1"),
+        (["rollout", "--worlds", "2_000_000_000"], "worlds: got 2,000,000,000; takes fewer than"),
+        (["rollout", "--steps=99999999999"], "steps: got 99999999999"),
+        (["rollout", "--env.floor_size", "1e9"], "floor_size: got 1000000000.0; takes a positive number of metres"),
+        (["rollout", "--env.horizon", "99999999999999"], "horizon: got 99999999999999; takes a whole number"),
+        (["rollout", "--env.world_params.timestep", "1e9"], "world_params.timestep: got 1000000000.0; takes"),
+        (["rollout", "--env.random_yaw", "maybe"], "random_yaw: got 'maybe'; takes True or False"),
+        (["rollout", "--out", ""], "out: got an empty value"),
+        (["rollout", "--out="], "out: got an empty value"),
+        (["rollout", "--out", __file__], "where no folder can be made"),
+        (["rollout", "--seed=-1"], "seed: got -1; takes a whole number in [0, 9223372036854775807]"),
+        (["worlds", "--seed", "99999999999999999999999"], "seed: got 99999999999999999999999"),
+        (["worlds", "--placement"], "placement: got no value"),
+        (["worlds", "--scenario"], "scenario: got no value"),
+        (["worlds", "--n=1000000000"], "n: got 1000000000"),
+        (["worlds", "--n_agents=10000000000"], "n_agents: got 10000000000; takes a whole number"),
+        (["worlds", "--out", "folder"], "out: got folder; takes a file that ends in one of .png"),
+        (["worlds", "--out", "/"], "out: got /, which is a folder"),
+        (["bench", "layouts", "--worlds", "0"], "worlds: got (0,); takes"),
+        (["bench", "layouts", "--out", "."], "out: got ., which is a folder"),
     ],
 )
 def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch, capsys):
@@ -102,7 +162,8 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
 
 def test_ctrl_c_writes_what_was_done(tmp_path):
     """The first interrupt ends the rollout after the step that runs, with everything written."""
-    process = started_rollout(tmp_path, until="env-steps/s")
+    process = started_rollout(tmp_path, until="4 worlds")
+    time.sleep(2)
     process.send_signal(signal.SIGINT)
     printed, _ = process.communicate(timeout=120)
     assert process.returncode == 130
@@ -188,7 +249,18 @@ def test_info(capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["fields"]["lock.radius"] == 0.25
     assert told["fields"]["cone"] is None
-    assert "section 5.2.1" in told["about"][0]
+    assert "section 5.2.1" in told["about"]
+    assert "scenario" not in told["about"], "the parents' text stays out"
+    assert told["action space"]["move"] == "Box(-1.0, 1.0, (4, 3), float32)"
+    assert told["observation space"]["obs"].startswith("Box(-inf, inf, (4, ")
+    # Parts of a flat vector are indented.
+    whole = {row["name"] for row in told["observations"] if not row["name"].startswith(" ")}
+    assert whole == set(told["observation space"])
+    main(["info", "tag", "--env.observations", "split"])
+    printed = capsys.readouterr().out
+    assert "Four players in a room" in printed
+    assert "A room with boxes and ramps" not in printed
+    assert "action space" in printed
 
 
 @pytest.mark.parametrize("command", ["rollout", "worlds", "replay", "info"])

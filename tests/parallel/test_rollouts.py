@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -195,6 +197,38 @@ def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
         checkpoints.restore(maax.Worlds(worlds.env, 3))
     with pytest.raises(ValueError, match="takes as many worlds of the same environment"):
         checkpoints.restore(maax.Worlds(maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2), N))
+
+
+def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, recwarn):
+    """Each file in turn is noise, cut off or missing: the save loads all the same, or a sentence is all there is."""
+    folder, bad = tmp_path / "good", tmp_path / "bad"
+    maax.Checkpoints(folder).save(3, worlds, start, runs=np.ones(3))
+    files = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file()]
+    # The rest is not read again.
+    files = [file for file in files if "ocdbt.process_0" not in file.parts and file.name != "commit_success.txt"]
+    rng, refused = seeds.rng(0), 0
+    capfd.readouterr()
+    for i, file in enumerate(files):
+        shutil.rmtree(bad, ignore_errors=True)
+        shutil.copytree(folder, bad)
+        data = (bad / file).read_bytes()
+        damages = (rng.bytes(len(data)), data[: len(data) // 2], None)
+        if damages[i % 3] is None:
+            (bad / file).unlink()
+        else:
+            (bad / file).write_bytes(damages[i % 3])
+        try:
+            maax.Checkpoints(bad).restore(worlds, runs=np.zeros(3))
+        except ValueError as error:
+            refused += 1
+            assert str(error).startswith(f"number: got 3 of {bad}, which is damaged")  # noqa: PT017
+            assert error.__context__ is None  # noqa: PT017
+    gc.collect()
+    assert refused > 2
+    assert capfd.readouterr() == ("", "")
+    assert not [str(w.message) for w in recwarn if "never awaited" in str(w.message)]
+    with pytest.raises(ValueError, match=r"others: got \['params'\], which are not in save 3"):
+        maax.Checkpoints(folder).restore(worlds, params=np.zeros(3))
 
 
 @pytest.mark.slow
