@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
+from helpers.pages import run as run_block
 
 import maax_mjx as maax
 from maax_mjx.common.observed import flag
@@ -149,6 +150,39 @@ def test_two_layers_of_a_class_are_told_apart_by_name():
     with pytest.raises(ValueError, match=r"inside: got 'LockObjects', .* are 2; takes one of \['lock_ramps'"):
         maax.extended(env, inside={"LockObjects": maax.LineOfSight})
     assert names(maax.extended(env, inside={"lock_ramps": maax.LineOfSight}))[1:3] == ["LockObjects", "LineOfSight"]
+
+
+@pytest.mark.slow
+def test_agents_turn_the_door_of_the_page_and_light_fades():
+    """The page's classes in a game of two agents; one pushes the panel's end, and it turns that way."""
+    names = run_block("layers-0")
+    modules, inside = [names["RevolvingDoor"]()], {"HideAndSeekReward": names["Flashlight"]}
+    game = SMALL | {"n_boxes": 0, "lock": None, "grab": None, "n_bins": None, "observations": "raw"}
+    game |= {"n_hiders": 1, "n_seekers": 1, "prep_fraction": 0.0}
+    env = maax.make("hide_and_seek_quadrant", door_size=5, modules=modules, inside=inside, **game)
+    door, agents = env.base.modules["revolving_door"], env.base.agents.qpos_ids[:, :2]
+
+    def play(key, side):
+        state = env.reset(key)
+        at, angle = state.data.xpos[door.body[0], :2], state.data.qpos[door.angle[0]]
+        along = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        across = jnp.stack([-along[1], along[0]])
+        place = at + 0.35 * along - side * 0.35 * across
+        places = jnp.stack([place, jnp.array([0.5, 5.5])])  # the other one out of the way
+        data = state.data.replace(qpos=state.data.qpos.at[agents].set(places))
+        state = state.replace(data=env.base.engine.pose(state.world.fields, data))
+        push = jnp.zeros((2, 3)).at[0, :2].set(side * across)
+        after, _ = jax.lax.scan(lambda s, _: (env.step(s, {"move": push}), None), state, length=6)
+        is_at_door = jnp.linalg.norm(at - state.world.plan.doors[:, :2], axis=1).min() < 1e-4
+        turned = after.data.qpos[door.angle[0]] - angle
+        return turned * side, is_at_door, after.obs["battery"][:, 0], after.metrics["physics_fault"]
+
+    keys = jax.random.split(seeds.key(5), 8)
+    turned, is_at_door, left, fault = jax.vmap(play)(keys, jnp.array([1.0, -1.0] * 4))
+    assert is_at_door.all()
+    assert (turned > 0.2)[~fault].all()
+    np.testing.assert_allclose(left[:, 0], 1 - 6 * env.base.dt / 4, atol=1e-5)  # full force on one axis
+    np.testing.assert_allclose(left[:, 1], 1.0, atol=1e-6)
 
 
 # --- looking at, copying and saving ----------------------------------------------------------------------------------
