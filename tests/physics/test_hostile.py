@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -89,6 +90,12 @@ def test_a_fault_is_contained(four, damage):
     np.testing.assert_array_equal(after.truncated, [False, False, True, False])
     np.testing.assert_array_equal(after.counts["physics_fault"], [0, 0, 1, 0])
     assert int(after.step[2]) == 0, "the world was not regenerated"
+    # Nothing of the trouble is left, such as the solver's starting point: the next episode begins as it was drawn.
+    of_world = [data.replace(engine=()) for data in (states.upcoming.state.data, after.data)]
+    drawn, begun = jax.tree.map(lambda x: x[2], of_world)
+    jax.tree.map(np.testing.assert_array_equal, begun, drawn)
+    assert not begun.qvel.any()
+    assert not begun.qacc_warmstart.any()
     others = np.array([0, 1, 3])
     np.testing.assert_array_equal(after.data.qpos[others], clean.data.qpos[others])
     assert np.isfinite(after.data.qpos).all()
