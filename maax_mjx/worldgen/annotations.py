@@ -39,7 +39,7 @@ def read_annotations(source: mujoco.MjSpec, file: Path) -> Annotations:
     """
     for name in (OUTER_BOUND, MAIN):
         if source.body(name) is None:
-            raise ValueError(f"path: {file} has no body {name!r}")
+            raise ValueError(f"path: got {file} without a body {name!r}; takes one that has it")
     world = source.worldbody
     others = [element.name for element in [*world.bodies, *world.geoms] if not element.name.startswith(PREFIX)]
     if others != [MAIN]:
@@ -50,7 +50,7 @@ def read_annotations(source: mujoco.MjSpec, file: Path) -> Annotations:
     try:
         model = whole.compile()
     except ValueError as error:
-        raise ValueError(f"path: {file} is not a model that MuJoCo compiles: {error}") from error
+        raise ValueError(f"path: got {file}; takes a model that MuJoCo compiles ({error})") from error
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     if not np.allclose(data.body(MAIN).xmat, np.eye(3).ravel()):
