@@ -42,7 +42,7 @@ def read_annotations(source: mujoco.MjSpec, where: str) -> Annotations:
     """
     for name in (OUTER_BOUND, MAIN):
         if source.body(name) is None:
-            raise ValueError(f"source: {where} has no body {name!r}")
+            raise ValueError(f"source: got {where} without a body {name!r}; takes one that has it")
     world = source.worldbody
     others = [element.name for element in [*world.bodies, *world.geoms] if not element.name.startswith(PREFIX)]
     if others != [MAIN]:
@@ -53,7 +53,7 @@ def read_annotations(source: mujoco.MjSpec, where: str) -> Annotations:
     try:
         model = whole.compile()
     except ValueError as error:
-        raise ValueError(f"source: {where} is not a model that MuJoCo compiles: {error}") from error
+        raise ValueError(f"source: got {where}; takes a model that MuJoCo compiles ({error})") from error
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     if not np.allclose(data.body(MAIN).xmat, np.eye(3).ravel()):

@@ -87,7 +87,7 @@ class WorldBuilder(Obj):
                 different materials share a name.
         """
         if not self.children:
-            raise ValueError("WorldBuilder: got no floor; append a Floor first")
+            raise ValueError("WorldBuilder: got no floor; takes one before the spec, append(Floor())")
         root = self.children[0].obj
         root.assign_names(root.given_names())
         root.generate(np.random.default_rng(self.seed))
@@ -124,6 +124,6 @@ class WorldBuilder(Obj):
         for joint in map(model.joint, range(model.njnt)):
             if not joint.name:
                 body = model.body(model.jnt_bodyid[joint.id]).name
-                raise ValueError(f"to_xinit: body {body!r} has a joint without a name; give it one in its file")
+                raise ValueError(f"to_xinit: got a joint without a name in body {body!r}; takes names for all")
             xinit[joint.name] = joint.qpos0.copy() if len(joint.qpos0) > 1 else float(joint.qpos0[0])
         return xinit

@@ -75,7 +75,7 @@ class Obj:
         if placement_xy is not None and not (len(placement_xy) == 2 and all(0.0 <= f <= 1.0 for f in placement_xy)):
             raise ValueError(f"placement_xy: got {placement_xy}; takes two fractions in [0, 1]")
         if obj._has_parent:
-            raise ValueError(f"obj: {obj.name or obj.kind} already has a parent; append a new object")
+            raise ValueError(f"obj: got {obj.name or obj.kind}, which has a parent already; takes a new object")
         obj._has_parent = True
         self.children.append(Child(obj, placement_name, placement_xy))
         return obj

@@ -199,7 +199,7 @@ def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
         checkpoints.restore(maax.Worlds(maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2), N))
 
 
-def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, recwarn):
+def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, caplog, recwarn):
     """Each file in turn is noise, cut off or missing: the save loads all the same, or a sentence is all there is."""
     folder, bad = tmp_path / "good", tmp_path / "bad"
     maax.Checkpoints(folder).save(3, worlds, start, runs=np.ones(3))
@@ -208,6 +208,7 @@ def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capf
     files = [file for file in files if "ocdbt.process_0" not in file.parts and file.name != "commit_success.txt"]
     rng, refused = seeds.rng(0), 0
     capfd.readouterr()
+    caplog.clear()
     for i, file in enumerate(files):
         shutil.rmtree(bad, ignore_errors=True)
         shutil.copytree(folder, bad)
@@ -226,6 +227,7 @@ def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capf
     gc.collect()
     assert refused > 2
     assert capfd.readouterr() == ("", "")
+    assert not caplog.records
     assert not [str(w.message) for w in recwarn if "never awaited" in str(w.message)]
     with pytest.raises(ValueError, match=r"others: got \['params'\], which are not in save 3"):
         maax.Checkpoints(folder).restore(worlds, params=np.zeros(3))
