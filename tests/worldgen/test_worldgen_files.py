@@ -152,7 +152,7 @@ def test_text_is_as_good_as_a_file(cupboard):
 def test_bad_text_is_named():
     with pytest.raises(ValueError, match=r"^source: the text is not MJCF that MuJoCo takes: .*XML"):
         ObjFromXML("<mujoco><worldbody>")
-    with pytest.raises(ValueError, match=r"^source: the text has no body 'annotation:outer_bound'"):
+    with pytest.raises(ValueError, match=r"^source: got the text without a body 'annotation:outer_bound'"):
         ObjFromXML("<mujoco/>")
 
 
