@@ -275,5 +275,5 @@ def test_joints_without_names_are_named():
     agent = ObjFromXML("agent", "a")
     agent.add_transform(lambda written: setattr(written.joints[0], "name", ""))
     agent.add_transform(lambda written: [written.spec.delete(a) for a in written.spec.actuators])
-    with pytest.raises(ValueError, match=r"^to_xinit: body 'a'"):
+    with pytest.raises(ValueError, match=r"^to_xinit: got a joint without a name in body 'a'; takes names"):
         world(agent).to_xinit()

@@ -190,7 +190,7 @@ def test_discrete_actions(touching):
         (np.zeros((5, 2), int), r"'move' has shape \(5, 2\); takes \(5, 3\)"),
     ):
         with pytest.raises(ValueError, match=message):
-            env.step(None, {"move": wrong})
+            env.step(env.state_shape, {"move": wrong})
     sample = jax.jit(env.sample_action)(seeds.key(0))["move"]
     assert env.action_space.contains({"move": np.asarray(sample)})
     assert sample.dtype == jnp.int32
