@@ -90,6 +90,11 @@ class Environment(Recorded, ABC):
         """The wrappers, each a `Wrapper`, the outermost first."""
 
     @property
+    def made_from(self) -> Made | None:
+        """What the game in it was made from, if `maax.make` made it; further wrappers may be around it."""
+        return next((env.made for env in (*self.layers, self.base) if env.made), None)
+
+    @property
     @abstractmethod
     def action_space(self) -> spaces.Dict:
         """The space of one world's action."""
@@ -201,11 +206,10 @@ class Environment(Recorded, ABC):
         return sample(self.action_space, key)
 
     def __repr__(self) -> str:
-        made = next((env.made for env in (*self.layers, self.base) if env.made), "")
         layers = ", ".join(type(layer).__name__ for layer in reversed(self.layers))
         parts = [f"{self.n_agents} agents", f"modules {', '.join(self.base.modules)}", f"engine {self.base.impl}"]
         parts += [f"layers {layers}"] if layers else []
-        return f"<{made or type(self.base).__name__}: {'; '.join(parts)}>"
+        return f"<{self.made_from or type(self.base).__name__}: {'; '.join(parts)}>"
 
     def __reduce__(self) -> Any:
         if self.made is not None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
+import json
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import jax
 import jax.numpy as jnp
@@ -15,22 +16,23 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from maax_mjx.common.checks import LONG, check_count, check_not_donated
+from maax_mjx.common.checks import LONG, check_bool, check_count, check_not_donated
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel.episodes import WorldsState
+from maax_mjx.parallel.saved import BOX, about_worlds, as_key, boxed, game_text, keyless, name_of, named
 from maax_mjx.parallel.shards import AXIS
 from maax_mjx.parallel.worlds import Worlds
 
-STATES, BOX = "states", "tree"
+STATES, ABOUT = "states", "about"
 
 
 class Checkpoints:
     """A folder of saved states that keeps the newest (Orbax).
 
     A save is either complete or absent: a run that is killed continues from the last one. Worlds are saved in their
-    order, whatever devices they were on, and restored onto those of any `Worlds` of the same number and environment.
-    With the same engine they continue bit for bit as if nothing had happened, except with `warp`, whose runs always
-    differ in the last bits.
+    order, whatever devices they were on, and restored onto those of any `Worlds` of the same game. As many, with the
+    same engine, continue bit for bit as if nothing had happened, except with `warp`, whose runs always differ in the
+    last bits. `about` has the game and its config.
 
     Args:
         folder: the folder, created if it does not exist.
@@ -57,8 +59,27 @@ class Checkpoints:
         """Number of the newest save; None without saves."""
         return self._manager.latest_step()
 
-    def save(self, number: int, worlds: Worlds, states: WorldsState, **others: Any) -> None:
-        """Saves states and anything else that belongs to the run.
+    def about(self, number: int | None = None) -> dict[str, Any]:
+        """Reads what a save is of.
+
+        Args:
+            number: number of the save; None reads the latest.
+
+        Returns:
+            A dict with "n_worlds" and the "engine"; of a game that `maax.make` made also its name, "game", and the
+            fields of its config that differ from the defaults, "config": `maax.make(about["game"], **about["config"])`
+            makes it again, unless it has functions or modules, which are texts here. Empty for a save without worlds.
+
+        Raises:
+            FileNotFoundError: no such save.
+            ValueError: a damaged save.
+        """
+        number = self._found(number)
+        file = self.folder / str(number) / ABOUT / "metadata"
+        return self._read(number, lambda: json.loads(file.read_text())) if file.exists() else {}
+
+    def save(self, number: int, worlds: Worlds | None = None, states: WorldsState | None = None, **others: Any) -> None:
+        """Saves states, or anything else that belongs to the run, or both.
 
         Args:
             number: number of this save, such as the env steps taken so far; greater than all before.
@@ -67,62 +88,94 @@ class Checkpoints:
             others: trees of arrays, such as a network's parameters, an optimiser's state, a key's data.
 
         Raises:
-            ValueError: a number that is not greater than the latest, or states spread by pmap over several processes.
+            ValueError: a number that is not greater than the latest, nothing to save, worlds without states, or states
+                spread by pmap over several processes.
             RuntimeError: states that were donated.
         """
         latest = self.latest
         if check_count("number", number, maximum=LONG) <= (-1 if latest is None else latest):
             raise ValueError(f"number: got {number}; takes one greater than that of the latest save, {latest}")
-        if worlds.shards.method == "pmap" and jax.process_count() > 1:
-            raise ValueError("states: got those of pmap in several processes; takes method='shard_map' to save them")
-        check_not_donated(states.step)
-        flat = {name: worlds.flat(x) for name, x in _named(_keyless(states)).items()}
-        trees = {STATES: flat, **_boxed(others)}
+        if (worlds is None) != (states is None):
+            raise ValueError("states: got worlds or states alone; takes both, or neither for a save without worlds")
+        if states is None and not others:
+            raise ValueError("others: got nothing to save; takes states, other trees of arrays, or both")
         args = self._orbax.args
-        self._manager.save(number, args=args.Composite(**{k: args.StandardSave(v) for k, v in trees.items()}))
+        items = {name: args.StandardSave(tree) for name, tree in boxed(others).items()}
+        if worlds is not None and states is not None:
+            if worlds.shards.method == "pmap" and jax.process_count() > 1:
+                raise ValueError("states: got those of pmap in several processes; takes method='shard_map' there")
+            check_not_donated(states.step)
+            flat = {name: worlds.flat(x) for name, x in named(keyless(states)).items()}
+            items |= {STATES: args.StandardSave(flat), ABOUT: args.JsonSave(about_worlds(worlds))}
+        self._manager.save(number, args=args.Composite(**items))
 
-    def restore(self, worlds: Worlds, number: int | None = None, **others: Any) -> tuple[WorldsState, dict[str, Any]]:
+    @overload
+    def restore(
+        self, worlds: Worlds, number: int | None = None, *, resize: bool = False, **others: Any
+    ) -> tuple[WorldsState, dict[str, Any]]: ...
+    @overload
+    def restore(
+        self, worlds: None = None, number: int | None = None, *, resize: bool = False, **others: Any
+    ) -> tuple[None, dict[str, Any]]: ...
+    def restore(
+        self, worlds: Worlds | None = None, number: int | None = None, *, resize: bool = False, **others: Any
+    ) -> tuple[WorldsState | None, dict[str, Any]]:
         """Reads a save.
 
         Args:
-            worlds: worlds whose devices get the states; as many, and of the same environment, as were saved.
+            worlds: worlds whose devices get the states, of the same game as were saved; None reads the others alone.
             number: number of the save; None reads the latest.
+            resize: whether there may be more or fewer worlds than were saved: the first ones go on, and more begin
+                with new episodes.
             others: trees of the same shapes as in the save, such as freshly initialised parameters, one for each other
                 item to read.
 
         Returns:
-            The states, and a dict of the others.
+            The states, None without worlds, and a dict of the others.
 
         Raises:
             FileNotFoundError: no such save.
-            ValueError: a save of other worlds, without one of the others, or damaged.
+            ValueError: a save of another game or number of worlds, without worlds or one of the others, or damaged.
+        """
+        number = self._found(number)
+        save = self.folder / str(number)
+        if missing := sorted(name for name in others if not (save / name).is_dir()):
+            raise ValueError(f"others: got {missing}, which are not in save {number} of {self.folder}; takes what is")
+        trees, resized = boxed(others), False
+        if worlds is not None:
+            if not (save / STATES).is_dir():
+                raise ValueError(f"worlds: got some, and save {number} of {self.folder} has none; takes None")
+            wanted = named(jax.eval_shape(keyless, worlds.states_shape))
+            metadata = self._read(number, lambda: self._metadata(save / STATES))
+            saved = {name: tuple(x.shape) for name, x in metadata.items()}
+            resized = check_bool("resize", resize) and saved["step"][0] != worlds.n_worlds
+            self._check_same(wanted, saved, worlds, number, resized)
+            trees[STATES] = {
+                name: np.empty(saved[name], x.dtype) if resized else _target(worlds, x) for name, x in wanted.items()
+            }
+        if not trees:
+            raise ValueError("others: got nothing to read; takes worlds, the names of other trees, or both")
+        args = self._orbax.args
+        asked = args.Composite(**{name: args.StandardRestore(tree) for name, tree in trees.items()})
+        found = self._read(number, lambda: self._manager.restore(number, args=asked))
+        states = None
+        if worlds is not None:
+            arrays = _resized(worlds, found[STATES]) if resized else found[STATES]
+            states = _states_of(worlds, arrays)
+        return states, {name: jax.tree.map(as_key, found[name][BOX], tree) for name, tree in others.items()}
+
+    def _found(self, number: int | None) -> int:
+        """Returns the number of a save, the latest if None.
+
+        Raises:
+            FileNotFoundError: no such save.
         """
         number = self.latest if number is None else number
         if number is None or number not in self._manager.all_steps():
             saved = sorted(self._manager.all_steps())
             has = f"has the saves {saved}" if saved else "has no saves yet"
             raise FileNotFoundError(f"number: got {number}, and {self.folder} {has}")
-        like = worlds.states_shape
-        wanted = _named(jax.eval_shape(_keyless, like))
-        save = self.folder / str(number)
-        if missing := sorted(name for name in others if not (save / name).is_dir()):
-            raise ValueError(f"others: got {missing}, which are not in save {number} of {self.folder}; takes what is")
-        self._check_same(wanted, self._read(number, lambda: self._metadata(save / STATES)))
-        spread = {name: _target(worlds, x) for name, x in wanted.items()}
-        trees = {STATES: spread, **_boxed(others)}
-        args = self._orbax.args.Composite(
-            **{name: self._orbax.args.StandardRestore(tree) for name, tree in trees.items()}
-        )
-        found = self._read(number, lambda: self._manager.restore(number, args=args))
-
-        def leaf(path: Any, x: Any) -> Any:
-            saved = found[STATES].get(_name(path))
-            if not isinstance(saved, jax.Array):
-                saved = worlds.shards.put(np.empty(x.shape, x.dtype) if saved is None else saved)
-            return _as_key(saved, x)
-
-        states = jax.tree.map_with_path(leaf, like)
-        return states, {name: jax.tree.map(_as_key, found[name][BOX], tree) for name, tree in others.items()}
+        return number
 
     def _metadata(self, item: Path) -> Any:
         """Returns the shapes and dtypes of a saved item by name."""
@@ -152,17 +205,57 @@ class Checkpoints:
             f"one of the saves {sorted(self._manager.all_steps())} that can be read"
         )
 
-    def _check_same(self, wanted: dict[str, Any], saved: Any) -> None:
-        """Compares names and shapes."""
-        shapes = {name: tuple(x.shape) for name, x in saved.items()}
+    def _check_same(
+        self, wanted: dict[str, Any], saved: dict[str, tuple[int, ...]], worlds: Worlds, number: int, resized: bool
+    ) -> None:
+        """Compares the games, then names and shapes; of resized worlds without the first axis."""
+        was, now = self.about(number), about_worlds(worlds)
+        if "game" in was and "game" in now and (game := game_text(was)) != (here := game_text(now)):
+            raise ValueError(
+                f"worlds: got {here}, and {self.folder} has {game}; takes worlds of the same game, or None for what "
+                "else was saved"
+            )
+        if not resized and saved["step"][0] != worlds.n_worlds:
+            raise ValueError(
+                f"worlds: got {worlds.n_worlds}, and {self.folder} has {saved['step'][0]}; takes as many as were "
+                "saved, or resize=True"
+            )
         for name, x in wanted.items():
-            if shapes.get(name) != x.shape:
+            if name not in saved or saved[name][1:] != x.shape[1:]:
                 raise ValueError(
-                    f"worlds: {self.folder} has {name} of shape {shapes.get(name)}, these worlds {x.shape}; takes as "
-                    "many worlds of the same environment and engine as were saved"
+                    f"worlds: {self.folder} has {name} of shape {saved.get(name)}, these worlds {x.shape}; takes "
+                    "worlds of the same environment and engine as were saved"
                 )
-        if extra := sorted(set(shapes) - set(wanted)):
+        if extra := sorted(set(saved) - set(wanted)):
             raise ValueError(f"worlds: {self.folder} also has {', '.join(extra)}; takes the environment of the save")
+
+
+def _states_of(worlds: Worlds, arrays: dict[str, Any]) -> WorldsState:
+    """Returns states on the worlds' devices of arrays by name, on the host or on the devices."""
+
+    def leaf(path: Any, x: Any) -> Any:
+        saved = arrays.get(name_of(path))
+        if not isinstance(saved, jax.Array):
+            saved = worlds.shards.put(np.empty(x.shape, x.dtype) if saved is None else saved)
+        return as_key(saved, x)
+
+    return jax.tree.map_with_path(leaf, worlds.states_shape)
+
+
+def _resized(worlds: Worlds, saved: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Returns arrays for as many worlds as there are: the first of those saved, and new ones after them.
+
+    Raises:
+        ValueError: several processes, of which none has all worlds.
+    """
+    if jax.process_count() > 1:
+        raise ValueError("resize: got True in several processes; takes it in one")
+    n = worlds.n_worlds
+    if len(saved["step"]) >= n:
+        return {name: x[:n] for name, x in saved.items()}
+    key = jax.random.fold_in(jax.random.wrap_key_data(jnp.asarray(saved["seed"][0])), len(saved["step"]))
+    fresh = named(jax.device_get(worlds.flat(keyless(worlds.reset(key)))))
+    return {name: np.concatenate([x, fresh[name][len(x) :]]) for name, x in saved.items()}
 
 
 @contextmanager
@@ -178,33 +271,6 @@ def _silence() -> Iterator[None]:
             yield
     finally:
         logging.set_verbosity(level)
-
-
-def _named(tree: Any) -> dict[str, Any]:
-    """Returns a tree's leaves by path, without empty ones, which Orbax does not take."""
-    return {_name(path): x for path, x in jax.tree.leaves_with_path(tree) if x.size}
-
-
-def _name(path: Any) -> str:
-    return jax.tree_util.keystr(path, simple=True, separator=".")
-
-
-def _boxed(others: dict[str, Any]) -> dict[str, Any]:
-    """Wraps each tree in a dict, since Orbax does not take single arrays."""
-    return {name: {BOX: _keyless(tree)} for name, tree in others.items()}
-
-
-def _is_key(x: Any) -> bool:
-    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
-
-
-def _keyless(tree: Any) -> Any:
-    """Replaces keys by their data."""
-    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
-
-
-def _as_key(x: Any, like: Any) -> Any:
-    return jax.random.wrap_key_data(jnp.asarray(x)) if _is_key(like) else x
 
 
 def _target(worlds: Worlds, x: Any) -> Any:

@@ -72,7 +72,7 @@ def config_of(name: str | Environment, **overrides: Any) -> Any:
             not make.
     """
     if isinstance(name, Environment):
-        made = next((env.made for env in (*name.layers, name.base) if env.made), None)
+        made = name.made_from
         if made is None:
             raise ValueError(f"config_of: got {name!r}, which has no config; takes what maax.make made, or its name")
         return override(made.config, overrides, f"config_of({made.name!r})")

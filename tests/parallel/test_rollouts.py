@@ -193,10 +193,63 @@ def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
 def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
     checkpoints = maax.Checkpoints(tmp_path)
     checkpoints.save(0, worlds, start)
-    with pytest.raises(ValueError, match=r"has .* of shape \(6,.*; takes as many worlds of the same environment"):
+    with pytest.raises(ValueError, match=r"worlds: got 3, and .* has 6; takes as many as were saved, or resize=True"):
         checkpoints.restore(maax.Worlds(worlds.env, 3))
-    with pytest.raises(ValueError, match="takes as many worlds of the same environment"):
-        checkpoints.restore(maax.Worlds(maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2), N))
+    other = maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2)
+    with pytest.raises(
+        ValueError, match=r"got standard\(n_boxes=2, .*\), and .* has standard\(horizon=4, .*of the same game"
+    ):
+        checkpoints.restore(maax.Worlds(other, N))
+    other.made = None  # an environment that is no game
+    with pytest.raises(ValueError, match=r"has .* of shape .*, these worlds .* takes worlds of the same environment"):
+        checkpoints.restore(maax.Worlds(other, N))
+
+
+def test_a_save_says_what_it_is_of(worlds, start, tmp_path):
+    checkpoints = maax.Checkpoints(tmp_path)
+    checkpoints.save(0, worlds, start)
+    about = maax.Checkpoints(tmp_path).about()
+    assert about == {
+        "game": "standard",
+        "config": {"impl": "c", "n_hiders": 1, "n_seekers": 1, "n_ramps": 0, "horizon": HORIZON},
+        "n_worlds": N,
+        "engine": "c",
+    }
+    assert maax.config_of(maax.make(about["game"], **about["config"])) == maax.config_of(worlds.env)
+
+
+def test_a_save_without_worlds(worlds, start, tmp_path):
+    checkpoints = maax.Checkpoints(tmp_path)
+    checkpoints.save(3, params={"w": jnp.arange(4.0)})
+    states, others = checkpoints.restore(params={"w": jnp.zeros(4)})
+    assert states is None
+    assert_same(others["params"], {"w": jnp.arange(4.0)})
+    assert checkpoints.about() == {}
+    with pytest.raises(ValueError, match=r"worlds: got some, and save 3 of .* has none; takes None"):
+        checkpoints.restore(worlds)
+    with pytest.raises(ValueError, match="others: got nothing to save; takes states"):
+        checkpoints.save(4)
+    with pytest.raises(ValueError, match="states: got worlds or states alone; takes both"):
+        checkpoints.save(4, worlds)
+    with pytest.raises(ValueError, match="others: got nothing to read"):
+        checkpoints.restore()
+
+
+@pytest.mark.parametrize("n", [4, 8])
+def test_a_save_goes_on_with_more_or_fewer_worlds(worlds, start, rolled, tmp_path, n):
+    checkpoints = maax.Checkpoints(tmp_path)
+    checkpoints.save(0, worlds, rolled[0])
+    resized = maax.Worlds(worlds.env, n, donate=False)
+    states, _ = checkpoints.restore(resized, resize=True)
+    kept = min(n, N)
+    assert_same(jax.tree.map(lambda x: x[:kept], states), jax.tree.map(lambda x: x[:kept], rolled[0]))
+    assert (np.asarray(states.step)[kept:] == 0).all()
+    keys = {tuple(row) for row in np.asarray(jax.random.key_data(states.seed))}
+    assert len(keys) == n, "every world has draws of its own"
+    after, before = (
+        w.step(s, {"move": jnp.ones((w.n_worlds, 2, 3))}) for w, s in ((resized, states), (worlds, rolled[0]))
+    )
+    assert_same(after.data.qpos[:kept], before.data.qpos[:kept])
 
 
 def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, caplog, recwarn):

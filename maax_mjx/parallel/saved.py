@@ -1,0 +1,66 @@
+"""What is written of a run: trees by name, keys as numbers, and a few words about the game."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.common.recorded import differing, short
+from maax_mjx.parallel.worlds import Worlds
+
+BOX = "tree"
+
+
+def named(tree: Any) -> dict[str, Any]:
+    """Returns a tree's leaves by path, without empty ones, which Orbax does not take."""
+    return {name_of(path): x for path, x in jax.tree.leaves_with_path(tree) if x.size}
+
+
+def name_of(path: Any) -> str:
+    """Returns a leaf's name, such as "data.qpos"."""
+    return jax.tree_util.keystr(path, simple=True, separator=".")
+
+
+def boxed(others: dict[str, Any]) -> dict[str, Any]:
+    """Wraps each tree in a dict, since Orbax does not take single arrays."""
+    return {name: {BOX: keyless(tree)} for name, tree in others.items()}
+
+
+def _is_key(x: Any) -> bool:
+    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
+
+
+def keyless(tree: Any) -> Any:
+    """Replaces keys by their data."""
+    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
+
+
+def as_key(x: Any, like: Any) -> Any:
+    """Returns numbers as keys, where there was a key."""
+    return jax.random.wrap_key_data(jnp.asarray(x)) if _is_key(like) else x
+
+
+def about_worlds(worlds: Worlds) -> dict[str, Any]:
+    """Returns what `Checkpoints.about` tells."""
+    env, made = worlds.env, worlds.env.made_from
+    game = {} if made is None else {"game": made.name, "config": differing(made.config)}
+    texts = json.dumps({**game, "n_worlds": worlds.n_worlds, "engine": env.base.engine.impl}, default=_plain)
+    return json.loads(texts)
+
+
+def _plain(value: Any) -> Any:
+    """Returns what JSON takes for a value: a dict of a config, numbers of NumPy, else a text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else short(value)
+
+
+def game_text(about: dict[str, Any]) -> str:
+    """Returns a text for a game and what was changed in it but its engine."""
+    fields = ", ".join(f"{name}={value!r}" for name, value in sorted(about["config"].items()) if name != "impl")
+    return f"{about['game']}({fields})"
