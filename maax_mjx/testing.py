@@ -44,7 +44,9 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
         return env.step(state, action)
 
     jit_reset, jit_step = jax.jit(reset), jax.jit(step)
-    loop = [_run(jit_reset, jit_step, key, [_row(a, i) for a in actions]) for i, key in enumerate(keys)]
+    loop = []
+    for i, key in enumerate(keys):
+        loop.append(_run(jit_reset, jit_step, key, [_row(a, i) for a in actions], f"world {i}"))
     for i, states in enumerate(loop):
         _check_states(env, states, f"world {i}")
     if traces != {"reset": 1, "step": 1}:
@@ -70,23 +72,29 @@ def _row(tree: Any, i: int) -> Any:
     return jax.tree.map(lambda x: x[i], tree)
 
 
-def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any]) -> list[State]:
+def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any], where: str = "") -> list[State]:
+    """Returns the states of a run, each of which has the tree, shapes and dtypes of the first."""
     states = [reset(key)]
-    for action in actions:
+    structure: Any = jax.tree.structure(states[0])
+    for t, action in enumerate(actions, start=1):
         states.append(step(states[-1], action))
+        if jax.tree.structure(states[-1]) != structure:
+            raise AssertionError(f"{where}, step {t}: step changed the tree of the State, so that it cannot be scanned")
+        if _shapes(states[-1]) != _shapes(states[0]):
+            raise AssertionError(
+                f"{where}, step {t}: step changed a shape or dtype of the State, so that it cannot be scanned"
+            )
     return states
 
 
+def _shapes(state: State) -> list[tuple[Any, ...]]:
+    leaves = jax.tree.leaves(state)
+    return [(jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)) for x in leaves]
+
+
 def _check_states(env: Environment, states: list[State], where: str) -> None:
-    shapes = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)), states[0])
-    structure: Any = jax.tree.structure(states[0])
     for t, state in enumerate(states):
         here = f"{where}, step {t}"
-        if jax.tree.structure(state) != structure:
-            raise AssertionError(f"{here}: step changed the tree of the State, so that it cannot be scanned")
-        now = jax.tree.map(lambda x: (jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)), state)
-        if now != shapes:
-            raise AssertionError(f"{here}: step changed a shape or dtype of the State, so that it cannot be scanned")
         obs = jax.device_get(state.obs)
         if not env.observation_space.contains(obs):
             bad = [k for k in {*obs, *env.observation_space} if k not in obs or k not in env.observation_space.spaces

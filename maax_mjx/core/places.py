@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import jax
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -50,10 +51,12 @@ def check_places(module: Placed, before: Sequence[Module], grid_size: int, floor
     """
     if not any(region_of(fn) for fn in module.placement_fns):
         return
-    walls = np.logical_or.reduce([other.fixed_cells(grid_size) for other in [*before, module]])
     modules = [m for m in [*before, module] if isinstance(m, Placed)]
     cells = [size / grid_size * (1 + side) for size in {*floor_sizes} for side in (-ROUNDING, ROUNDING)]
-    never = set.intersection(*(_without_place(modules, walls.copy(), cell) for cell in cells))
+    # Environments are also made inside of traced code.
+    with jax.ensure_compile_time_eval():
+        walls = np.logical_or.reduce([other.fixed_cells(grid_size) for other in [*before, module]])
+        never = set.intersection(*(_without_place(modules, walls.copy(), cell) for cell in cells))
     for name, fn in zip(module.names, module.placement_fns, strict=True):
         if name in never:
             raise ValueError(

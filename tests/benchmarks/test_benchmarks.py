@@ -177,8 +177,8 @@ def test_plots_redraw_what_the_benchmarks_drew(folder, capsys):
         (layouts, dict(steps=0), "steps: got 0"),
         (step, dict(worlds=(8, 0)), "worlds: got (8, 0)"),
         (hostile, dict(steps=30), "steps: got 30; takes a multiple of 50"),
-        (hostile, dict(games=("tag", "tagg")), "games: got 'tagg'; takes one of"),
-        (hostile, dict(held=(20, 0)), "held: got 0"),
+        (hostile, dict(games=("tag", "tagg")), "games: got 'tagg'; did you mean 'tag'? It takes one of"),
+        (hostile, dict(held=(20, 0)), "held: got (20, 0)"),
         (outer, dict(steps=7), "steps: got 7"),
         (gradients, dict(repeats=0), "repeats: got 0"),
         (gradients, dict(max_minutes=0.0), "max_minutes: got 0.0"),
@@ -194,7 +194,7 @@ def test_errors_before_anything_runs(module, options, message, tmp_path):
 def test_no_number_of_any_benchmark_may_be_negative(name):
     config = import_module(f"maax_mjx.benchmarks.{name}").COMMAND.config
     numbers = [f for f in fields(config) if type(f.default) is int]
-    lists = [f for f in fields(config) if isinstance(f.default, tuple) and type(f.default[0]) is int]
+    lists = [f for f in fields(config) if isinstance(f.default, tuple) and f.default and type(f.default[0]) is int]
     for f in (*numbers, *lists):
         with pytest.raises(ValueError, match=f"{f.name}: got .*takes"):
             config(**{f.name: (-1,) if f in lists else -1}).check()

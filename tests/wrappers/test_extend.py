@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
-from helpers.pages import run as run_block
+from helpers.pages import BLOCKS
 
 import maax_mjx as maax
 from maax_mjx.common.observed import flag
@@ -155,7 +155,8 @@ def test_two_layers_of_a_class_are_told_apart_by_name():
 @pytest.mark.slow
 def test_agents_turn_the_door_of_the_page_and_light_fades():
     """The page's classes in a game of two agents; one pushes the panel's end, and it turns that way."""
-    names = run_block("layers-0")
+    names: dict = {"__name__": "page"}
+    exec(BLOCKS["layers-0"].partition("env = maax.make(")[0], names)
     modules, inside = [names["RevolvingDoor"]()], {"HideAndSeekReward": names["Flashlight"]}
     game = SMALL | {"n_boxes": 0, "lock": None, "grab": None, "n_bins": None, "observations": "raw"}
     game |= {"n_hiders": 1, "n_seekers": 1, "prep_fraction": 0.0}
