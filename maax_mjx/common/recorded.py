@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple, Self
@@ -45,8 +46,8 @@ class Recorded:
 
 
 def short(value: Any) -> str:
-    """Returns a text for an argument: functions and classes by their names, long texts cut."""
-    text = getattr(value, "__qualname__", None) or repr(value)
+    """Returns a text for an argument: functions and classes by their names, without addresses, long texts cut."""
+    text = getattr(value, "__qualname__", None) or re.sub(r" at 0x[0-9a-f]+", "", repr(value))
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

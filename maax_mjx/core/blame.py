@@ -42,7 +42,7 @@ def blame(env: Composition, valid: np.ndarray, params: DomainParams) -> str | No
     shares = {name: there[failed].mean() for name, there in unplaced.items()} if failed.any() else {}
     worst = sorted((name for name in shares if shares[name]), key=lambda name: -shares[name])[:NAMED]
     if not worst:
-        return None
+        return f"{invalid.size / valid.size:.0%} of {valid.size} layouts are invalid, and no placement is to blame"
     found = ", ".join(f"{_placement(env, name)} in {shares[name]:.0%} of them" for name in worst)
     if failed.all() and not valid.any():
         raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Annotated, Any
@@ -83,6 +84,9 @@ class Composition:
             ValueError: a module that does not fit the environment or the modules before it; an environment that has
                 wrappers, which would not know the module.
         """
+        if self.around:
+            # Wrappers that nobody has any more may wait for the collector, since their compiled functions know them.
+            gc.collect()
         if self.around:
             layers = ", ".join(sorted({type(layer).__name__ for layer in self.around}))
             raise ValueError(

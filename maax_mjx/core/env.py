@@ -26,6 +26,7 @@ from maax_mjx.core.generation import draw_layout
 from maax_mjx.core.state import State, check_state
 from maax_mjx.core.teams import Team, agent_names, make_teams
 from maax_mjx.layout import World
+from maax_mjx.modules import Module
 from maax_mjx.modules.from_model import from_model, without_cached
 from maax_mjx.physics import Data
 from maax_mjx.worldgen import WorldParams
@@ -278,6 +279,11 @@ class Base(Composition, Environment):
     def layers(self) -> tuple[Any, ...]:
         return ()
 
+    def add_module(self, module: Module) -> None:
+        super().add_module(module)
+        # With another module it is not the registered world any more.
+        self.made = None
+
     @property
     def teams(self) -> dict[str, Team]:
         agents = self.agents
@@ -369,7 +375,9 @@ def _again(kind: type[Environment], args: tuple[Any, ...], kwargs: dict[str, Any
     """Makes an environment anew, from the arguments and modules that it was made of; for pickle."""
     env = kind(*args, **kwargs)
     for module in modules:
-        env.base.add_module(module)
+        # A subclass may have added its own.
+        if module.name not in env.base.modules:
+            env.base.add_module(module)
     return env
 
 

@@ -119,7 +119,10 @@ def check_fits(states: State, wanted: State, leading: int = 0) -> None:
     for name in (*needs, *got):
         if needs.get(name) != got.get(name):
             here, there = (str(of.get(name, "nothing")) for of in (got, needs))
-            raise ValueError(f"states: got states of another environment: {name} has {here}, and in env {there}")
+            raise ValueError(
+                f"states: got states of another environment: {name} has {here}, and in env {there}; takes what env's "
+                "reset and step give"
+            )
 
 
 def _shapes(state: State, leading: int) -> dict[str, tuple[int, ...]]:

@@ -16,14 +16,24 @@ import numpy as np
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from maax_mjx.common.checks import LONG, check_bool, check_count, check_not_donated
+from maax_mjx.common.checks import LONG, check_bool, check_count, described
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel.episodes import WorldsState
-from maax_mjx.parallel.saved import BOX, about_worlds, as_key, boxed, game_text, keyless, name_of, named
+from maax_mjx.parallel.saved import (
+    ABOUT,
+    BOX,
+    STATES,
+    about_worlds,
+    as_key,
+    boxed,
+    check_others,
+    game_text,
+    keyless,
+    name_of,
+    named,
+)
 from maax_mjx.parallel.shards import AXIS
 from maax_mjx.parallel.worlds import Worlds
-
-STATES, ABOUT = "states", "about"
 
 
 class Checkpoints:
@@ -99,12 +109,13 @@ class Checkpoints:
             raise ValueError("states: got worlds or states alone; takes both, or neither for a save without worlds")
         if states is None and not others:
             raise ValueError("others: got nothing to save; takes states, other trees of arrays, or both")
+        check_others(others)
         args = self._orbax.args
         items = {name: args.StandardSave(tree) for name, tree in boxed(others).items()}
         if worlds is not None and states is not None:
+            _check_worlds(worlds).check_states(states)
             if worlds.shards.method == "pmap" and jax.process_count() > 1:
                 raise ValueError("states: got those of pmap in several processes; takes method='shard_map' there")
-            check_not_donated(states.step)
             flat = {name: worlds.flat(x) for name, x in named(keyless(states)).items()}
             items |= {STATES: args.StandardSave(flat), ABOUT: args.JsonSave(about_worlds(worlds))}
         self._manager.save(number, args=args.Composite(**items))
@@ -139,10 +150,12 @@ class Checkpoints:
         """
         number = self._found(number)
         save = self.folder / str(number)
+        check_others(others)
         if missing := sorted(name for name in others if not (save / name).is_dir()):
             raise ValueError(f"others: got {missing}, which are not in save {number} of {self.folder}; takes what is")
         trees, resized = boxed(others), False
         if worlds is not None:
+            _check_worlds(worlds)
             if not (save / STATES).is_dir():
                 raise ValueError(f"worlds: got some, and save {number} of {self.folder} has none; takes None")
             wanted = named(jax.eval_shape(keyless, worlds.states_shape))
@@ -228,6 +241,12 @@ class Checkpoints:
                 )
         if extra := sorted(set(saved) - set(wanted)):
             raise ValueError(f"worlds: {self.folder} also has {', '.join(extra)}; takes the environment of the save")
+
+
+def _check_worlds(worlds: Any) -> Worlds:
+    if not isinstance(worlds, Worlds):
+        raise ValueError(f"worlds: got {described(worlds)}; takes maax.Worlds(env, n_worlds)")
+    return worlds
 
 
 def _states_of(worlds: Worlds, arrays: dict[str, Any]) -> WorldsState:

@@ -10,10 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.checks import described
 from maax_mjx.common.recorded import differing, short
 from maax_mjx.parallel.worlds import Worlds
 
-BOX = "tree"
+STATES, ABOUT, BOX = "states", "about", "tree"
+RESERVED = (STATES, ABOUT, "metrics", "default")
+"""Names of items that a user's trees cannot have: those of worlds, and Orbax's own."""
 
 
 def named(tree: Any) -> dict[str, Any]:
@@ -24,6 +27,20 @@ def named(tree: Any) -> dict[str, Any]:
 def name_of(path: Any) -> str:
     """Returns a leaf's name, such as "data.qpos"."""
     return jax.tree_util.keystr(path, simple=True, separator=".")
+
+
+def check_others(others: dict[str, Any]) -> None:
+    """Refuses trees that cannot be saved.
+
+    Raises:
+        ValueError: a reserved name, or a leaf that is no array or number.
+    """
+    for name, tree in others.items():
+        if name in RESERVED:
+            raise ValueError(f"others: got the name {name!r}; takes others than {list(RESERVED)}")
+        for path, leaf in jax.tree.leaves_with_path(tree):
+            if not hasattr(leaf, "dtype") and not isinstance(leaf, int | float):
+                raise ValueError(f"others: got {described(leaf)} at {name_of(path)!r} of {name!r}; takes arrays")
 
 
 def boxed(others: dict[str, Any]) -> dict[str, Any]:

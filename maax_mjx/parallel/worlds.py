@@ -127,7 +127,7 @@ class Worlds:
             RuntimeError: states that were donated to an earlier call.
             MemoryError: more worlds than fit.
         """
-        self._check_states(states)
+        self.check_states(states)
         check_action(self.env.action_space, action, self.shape)
         return self._run(self._step, states, action)
 
@@ -175,7 +175,7 @@ class Worlds:
             RuntimeError: states that were donated to an earlier call.
             MemoryError: more worlds, or more to keep, than fit.
         """
-        self._check_states(states)
+        self.check_states(states)
         n_steps = check_count("n_steps", n_steps, minimum=1)
         if not isinstance(per_world, tuple):
             raise ValueError(f"per_world: got {described(per_world)}; takes a tuple of trees of arrays")
@@ -245,7 +245,13 @@ class Worlds:
         check_params(params, self.env.base.parameters, (self.n_worlds,))
         return self.shards.put(jax.tree.map(lambda x: np.broadcast_to(x, (self.n_worlds, 2)), params))
 
-    def _check_states(self, states: Any) -> None:
+    def check_states(self, states: Any) -> None:
+        """Refuses what are not states of these worlds.
+
+        Raises:
+            ValueError: states of another number of worlds or another environment.
+            RuntimeError: states that were donated.
+        """
         if not isinstance(states, WorldsState) or jnp.shape(states.step) != self.shape:
             got = f"{jnp.size(states.step)} worlds" if isinstance(states, WorldsState) else type(states).__name__
             raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")

@@ -62,6 +62,9 @@ def _chain(env: Environment) -> list[Wrapper]:
     """Returns the layers as they were given, before wrappers copied what they wrap; the innermost first."""
     chain: list[Wrapper] = []
     while isinstance(env, Wrapper):
+        if not any(x is env.given for x in (*env.made_with.args, *env.made_with.kwargs.values())):
+            mine = type(env).__name__
+            raise ValueError(f"env: got {mine}, which makes what it wraps; takes wrappers that get it: {mine}(env)")
         chain.insert(0, env)
         env = env.given
     return chain

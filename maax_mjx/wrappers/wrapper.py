@@ -45,7 +45,6 @@ class Wrapper(Environment):
 
     def __init__(self, env: Environment):
         self.env = check_environment(env)
-        env.base.around.add(self)
         mine = type(self).__name__
         for kind in self.requires:
             self.inner(kind)
@@ -57,6 +56,7 @@ class Wrapper(Environment):
                 )
         if self.name and any(layer.name == self.name for layer in env.layers):
             raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")
+        env.base.around.add(self)
 
     @property
     def base(self) -> Base:
@@ -69,7 +69,8 @@ class Wrapper(Environment):
     @property
     def given(self) -> Environment:
         """The environment that was given, which is not `self.env` where the wrapper works on a copy."""
-        return next(x for x in (*self.made_with.args, *self.made_with.kwargs.values()) if isinstance(x, Environment))
+        arguments = (*self.made_with.args, *self.made_with.kwargs.values())
+        return next((x for x in arguments if isinstance(x, Environment)), self.env)
 
     @property
     def action_space(self) -> spaces.Dict:

@@ -233,6 +233,14 @@ def test_a_save_without_worlds(worlds, start, tmp_path):
         checkpoints.save(4, worlds)
     with pytest.raises(ValueError, match="others: got nothing to read"):
         checkpoints.restore()
+    with pytest.raises(ValueError, match="others: got the name 'about'; takes others than"):
+        checkpoints.save(4, worlds, start, about={"w": jnp.zeros(1)})
+    with pytest.raises(ValueError, match="others: got 'fast' at 'mode' of 'params'; takes arrays"):
+        checkpoints.save(4, params={"mode": "fast"})
+    with pytest.raises(ValueError, match=r"worlds: got 3; takes maax\.Worlds"):
+        checkpoints.save(4, 3, start)
+    with pytest.raises(ValueError, match="states: got State; takes the WorldsState of 6 worlds"):
+        checkpoints.save(4, worlds, worlds.env.state_shape)
 
 
 @pytest.mark.parametrize("n", [4, 8])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -62,6 +63,15 @@ class Post(maax.Module):
 @pytest.fixture(scope="module")
 def lit():
     return maax.make("hide_and_seek_quadrant", inside={"HideAndSeekReward": Flashlight}, **SMALL)
+
+
+class Court(maax.Base):
+    """A base that adds modules of its own."""
+
+    def __init__(self):
+        super().__init__(1, impl="c")
+        for module in (maax.WallScenarios("empty"), maax.Agents(1), Post()):
+            self.add_module(module)
 
 
 def names(env):
@@ -213,6 +223,32 @@ def handmade():
     for module in (maax.WallScenarios("empty"), maax.Agents(2), maax.Boxes(1)):
         env.add_module(module)
     return maax.LockObjects(maax.TeamMembership(env), objects=("box",), radius=0.4)
+
+
+def test_a_game_with_one_more_module_is_not_that_game_any_more():
+    env = maax.make("standard", impl="c")
+    env.add_module(Post())
+    assert "post" in pickle.loads(pickle.dumps(env)).base.modules
+    with pytest.raises(ValueError, match=r"config_of: got .*, which has no config"):
+        maax.config_of(env)
+
+
+def test_a_subclass_that_adds_modules_can_be_pickled():
+    twin = pickle.loads(pickle.dumps(Court()))
+    assert list(twin.modules) == ["walls", "agent", "post"]
+
+
+def test_texts_have_no_addresses():
+    config = maax.config_of("standard", box_placement=partial(maax.quad_placement))
+    assert "0x" not in repr(maax.make("standard", config, impl="c"))
+
+
+def test_wrappers_that_were_refused_wrap_nothing():
+    env = maax.make("standard", impl="c")
+    with pytest.raises(ValueError, match="needs TeamMembership") as kept:
+        maax.HideAndSeekReward(env)
+    env.add_module(Post())
+    assert kept is not None
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
