@@ -19,15 +19,21 @@ class Arguments(NamedTuple):
     args: tuple[Any, ...]
     kwargs: dict[str, Any]
 
+    @property
+    def values(self) -> tuple[Any, ...]:
+        """All arguments."""
+        return *self.args, *self.kwargs.values()
+
     def map(self, function: Callable[[Any], Any]) -> Arguments:
         """Returns the arguments after a function of each."""
         return Arguments(tuple(map(function, self.args)), {name: function(x) for name, x in self.kwargs.items()})
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Arguments:
+        """Returns itself: copies of an object were made with the same arguments, which nobody changes."""
+        return self
+
     def __str__(self) -> str:
         return ", ".join([*map(short, self.args), *(f"{name}={short(x)}" for name, x in self.kwargs.items())])
-
-
-MADE_WITH = "made_with"
 
 
 class Recorded:

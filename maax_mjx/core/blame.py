@@ -22,8 +22,8 @@ NAMED = 3
 def blame(env: Composition, valid: np.ndarray, params: DomainParams) -> str | None:
     """Returns how many of some layouts are invalid, and which placements are to blame; None if few are.
 
-    Layouts do not say what found no place, so that a sample of others is drawn from the same ranges, and costs a
-    compilation, where many are invalid.
+    Worlds do not keep what found no place. Where many are invalid, a sample of other layouts is drawn from the same
+    ranges, which costs a compilation.
 
     Args:
         env: the environment.

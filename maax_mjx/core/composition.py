@@ -107,8 +107,9 @@ class Composition:
             raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
         floor_sizes = self.floor_range.low, self.floor_range.high
         check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, floor_sizes)
+        names = _declared(module)
         for other in self._modules.values():
-            _check_names(module, _declared(module), other, _declared(other))
+            _check_names(module, names, other, _declared(other))
         module._owner = self
         self._modules[module.name] = module
         self._build = object()

@@ -17,7 +17,7 @@ from maax_mjx.common.arrays import with_rows
 from maax_mjx.common.checks import check_key, described, is_traced
 from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
-from maax_mjx.common.recorded import MADE_WITH, Recorded, differing, short
+from maax_mjx.common.recorded import Recorded, differing, short
 from maax_mjx.common.spaces import check_action, sample, space_of
 from maax_mjx.core.composition import Composition
 from maax_mjx.core.describe import Description, describe
@@ -223,7 +223,7 @@ class Environment(Recorded, ABC):
         memo[id(self)] = twin
         for name, value in without_cached(self).items():
             try:
-                twin.__dict__[name] = value if name == MADE_WITH else copy.deepcopy(value, memo)
+                twin.__dict__[name] = copy.deepcopy(value, memo)
             except (TypeError, copy.Error) as error:
                 mine = type(self).__name__
                 raise ValueError(

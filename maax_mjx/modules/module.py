@@ -11,7 +11,7 @@ import numpy as np
 
 from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter
-from maax_mjx.common.recorded import MADE_WITH, Recorded
+from maax_mjx.common.recorded import Recorded
 from maax_mjx.layout import Layout, World
 from maax_mjx.modules.from_model import without_cached
 from maax_mjx.physics import Data, Overlay
@@ -86,7 +86,7 @@ class Module(Recorded):
         memo[id(self)] = twin
         for name, value in without_cached(self).items():
             if name != "_owner":
-                setattr(twin, name, value if name == MADE_WITH else copy.deepcopy(value, memo))
+                setattr(twin, name, copy.deepcopy(value, memo))
         twin._owner = memo.get(id(self._owner))
         return twin
 

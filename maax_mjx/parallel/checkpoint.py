@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -98,8 +99,8 @@ class Checkpoints:
             others: trees of arrays, such as a network's parameters, an optimiser's state, a key's data.
 
         Raises:
-            ValueError: a number that is not greater than the latest, nothing to save, worlds without states, or states
-                spread by pmap over several processes.
+            ValueError: a number that is not greater than the latest, nothing to save, worlds without states, states of
+                other worlds or spread by pmap over several processes, a reserved name, or what is no array.
             RuntimeError: states that were donated.
         """
         latest = self.latest
@@ -279,17 +280,21 @@ def _resized(worlds: Worlds, saved: dict[str, np.ndarray]) -> dict[str, np.ndarr
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Silences Orbax's log: an item, unlike a whole save, has no metadata file of its own, and errors are raised."""
-    from absl import logging
+    """Silences Orbax's log: an item, unlike a whole save, has no metadata file of its own, and errors are raised.
 
-    level = logging.get_verbosity()
-    logging.set_verbosity(logging.FATAL)
+    Orbax reads arrays side by side in asyncio, which logs the errors of all but the first on its own.
+    """
+    loggers = [logging.getLogger("absl"), logging.getLogger("asyncio")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        logging.set_verbosity(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _target(worlds: Worlds, x: Any) -> Any:

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import jax
 
 from maax_mjx.common.annotated import check_fields
-from maax_mjx.common.checks import check_choice, check_key, check_new_name
+from maax_mjx.common.checks import check_choice, check_new_name, is_traced
 from maax_mjx.common.params import DomainParams
-from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Environment, Made
-from maax_mjx.core.state import State, check_state
+from maax_mjx.core.state import State
 from maax_mjx.tasks.config import Extensions, override
 
 
@@ -133,14 +132,9 @@ def jitted(env: Environment | str, **overrides: Any) -> tuple[Callable[..., Stat
     fast_reset, fast_step = jax.jit(env.reset), jax.jit(env.step)
 
     def reset(key: jax.Array, params: DomainParams | None = None) -> State:
-        check_key("key", key)
-        params = env.default_params if params is None else params
-        env.base.check_params(params)
-        return fast_reset(key, params)
+        return (fast_reset if is_traced((key, params)) else env.reset)(key, params)
 
     def step(state: State, action: dict[str, jax.Array]) -> State:
-        check_state(state, env.state_shape)
-        check_action(env.action_space, action)
-        return fast_step(state, action)
+        return (fast_step if is_traced((state, action)) else env.step)(state, action)
 
     return reset, step

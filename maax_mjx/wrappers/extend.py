@@ -45,7 +45,6 @@ def extended(
     puts = {side: _by_layer(side, given or {}, chain) for side, given in (("inside", inside), ("outside", outside))}
     base = deepcopy(chain[0].given if chain else env)
     for module in check_value("modules", modules, Sequence[Module]):
-        base.base.made = None
         base.base.add_module(deepcopy(module))
     new: Environment = base
     for layer in chain:
@@ -62,7 +61,7 @@ def _chain(env: Environment) -> list[Wrapper]:
     """Returns the layers as they were given, before wrappers copied what they wrap; the innermost first."""
     chain: list[Wrapper] = []
     while isinstance(env, Wrapper):
-        if not any(x is env.given for x in (*env.made_with.args, *env.made_with.kwargs.values())):
+        if not any(isinstance(x, Environment) for x in env.made_with.values):
             mine = type(env).__name__
             raise ValueError(f"env: got {mine}, which makes what it wraps; takes wrappers that get it: {mine}(env)")
         chain.insert(0, env)

@@ -69,8 +69,7 @@ class Wrapper(Environment):
     @property
     def given(self) -> Environment:
         """The environment that was given, which is not `self.env` where the wrapper works on a copy."""
-        arguments = (*self.made_with.args, *self.made_with.kwargs.values())
-        return next((x for x in arguments if isinstance(x, Environment)), self.env)
+        return next((x for x in self.made_with.values if isinstance(x, Environment)), self.env)
 
     @property
     def action_space(self) -> spaces.Dict:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import seeds
 
 import maax_mjx as maax
 
@@ -18,16 +17,6 @@ def env():
     """One hider or more, who prepare for two of four steps."""
     few = {"n_hiders": (1, 3), "n_seekers": 1, "n_boxes": 0, "n_ramps": 0, "lock": None}
     return maax.make("hide_and_seek", impl="c", horizon=HORIZON, prep_fraction=0.5, **few)
-
-
-@pytest.fixture(scope="module")
-def worlds(env):
-    return maax.Worlds(env, N, donate=False)
-
-
-@pytest.fixture(scope="module")
-def start(worlds):
-    return worlds.reset(seeds.key(3), stagger=True)
 
 
 def counting(state, key, memory, gain, own):

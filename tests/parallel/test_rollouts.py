@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import json
 import shutil
@@ -25,16 +26,6 @@ N, T, HORIZON = 6, 5, 4
 @pytest.fixture(scope="module")
 def env():
     return maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_ramps=0, horizon=HORIZON)
-
-
-@pytest.fixture(scope="module")
-def worlds(env):
-    return maax.Worlds(env, N, donate=False)
-
-
-@pytest.fixture(scope="module")
-def start(worlds):
-    return worlds.reset(seeds.key(3), stagger=True)
 
 
 def policy(state, key, gain):
@@ -292,6 +283,27 @@ def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capf
     assert not [str(w.message) for w in recwarn if "never awaited" in str(w.message)]
     with pytest.raises(ValueError, match=r"others: got \['params'\], which are not in save 3"):
         maax.Checkpoints(folder).restore(worlds, params=np.zeros(3))
+
+
+def test_reads_that_fail_side_by_side_are_not_logged(worlds, start, tmp_path, monkeypatch, caplog):
+    """Which of a damaged save's arrays fail after the first depends on the threads; asyncio logs them as they go."""
+
+    async def fail():
+        raise OSError("no such file")
+
+    async def fail_all():
+        others = [asyncio.ensure_future(fail()) for _ in range(2)]
+        await asyncio.sleep(0.01)
+        assert all(task.done() for task in others)
+        await fail()
+
+    checkpoints = maax.Checkpoints(tmp_path)
+    checkpoints.save(1, worlds, start)
+    monkeypatch.setattr(checkpoints._manager, "restore", lambda *_, **__: asyncio.run(fail_all()))
+    with pytest.raises(ValueError, match=r"damaged.*no such file"):
+        checkpoints.restore(worlds)
+    gc.collect()
+    assert not caplog.records
 
 
 @pytest.mark.slow
