@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import with_rows
-from maax_mjx.common.checks import check_key, described, is_traced
+from maax_mjx.common.checks import check_key, described
 from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.recorded import Recorded, differing, short
@@ -101,6 +101,14 @@ class Environment(Recorded, ABC):
         """The space of one world's action."""
 
     @property
+    def acts_on(self) -> dict[str, tuple[tuple[str, int], ...]]:
+        """Kinds and numbers of the entities that an action's columns are about, by the action's name.
+
+        An action with a column for every box and then every ramp has (("box", n_boxes), ("ramp", n_ramps)).
+        """
+        return {}
+
+    @property
     @abstractmethod
     def teams(self) -> dict[str, Team]:
         """The teams by name."""
@@ -136,8 +144,7 @@ class Environment(Recorded, ABC):
         check_key("key", key)
         params = self.default_params if params is None else params
         self.base.check_params(params)
-        params = jax.tree.map(jnp.asarray, params)
-        return self.begin(key, params) if is_traced((key, params)) else self._compiled_begin(key, params)
+        return self.begun(key, params)
 
     def step(self, state: State, action: Any) -> State:
         """Advances a world by one env step, `n_frames` physics steps.
@@ -152,15 +159,20 @@ class Environment(Recorded, ABC):
         """
         check_state(state, self.state_shape)
         check_action(self.action_space, action)
-        return self.advance(state, action) if is_traced((state, action)) else self._compiled_advance(state, action)
+        return self._traced_advance(state, action)
 
-    # Called operation by operation, hundreds of programs would be compiled, which takes several times as long.
+    def begun(self, key: jax.Array, params: DomainParams) -> State:
+        """What `begin` gives, without checks; its Python runs once, whoever asks."""
+        return self._traced_begin(key, jax.tree.map(jnp.asarray, params))
+
+    # Python that runs once for all programs that have it in them saves half of their compilation. Called operation by
+    # operation, hundreds of programs would be compiled.
     @from_model
-    def _compiled_begin(self) -> Callable[[jax.Array, DomainParams], State]:
+    def _traced_begin(self) -> Any:
         return jax.jit(self.begin)
 
     @from_model
-    def _compiled_advance(self) -> Callable[[State, Any], State]:
+    def _traced_advance(self) -> Any:
         return jax.jit(self.advance)
 
     def advance(self, state: State, action: Any) -> State:
@@ -190,7 +202,7 @@ class Environment(Recorded, ABC):
     @from_model
     def state_shape(self) -> State:
         """A state of one world whose leaves have shapes and dtypes instead of values."""
-        return jax.eval_shape(self.begin, jax.random.key(0), self.default_params)
+        return self._traced_begin.eval_shape(jax.random.key(0), jax.tree.map(jnp.asarray, self.default_params))
 
     @from_model
     def observation_space(self) -> spaces.Dict:

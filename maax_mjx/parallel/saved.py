@@ -65,9 +65,13 @@ def as_key(x: Any, like: Any) -> Any:
 def about_worlds(worlds: Worlds) -> dict[str, Any]:
     """Returns what `Checkpoints.about` tells."""
     env, made = worlds.env, worlds.env.made_from
-    game = {} if made is None else {"game": made.name, "config": differing(made.config)}
-    texts = json.dumps({**game, "n_worlds": worlds.n_worlds, "engine": env.base.engine.impl}, default=_plain)
-    return json.loads(texts)
+    game = {} if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
+    return {**game, "n_worlds": worlds.n_worlds, "engine": env.base.engine.impl}
+
+
+def plain_config(config: dict[str, Any]) -> dict[str, Any]:
+    """Returns fields of a config as JSON has them, with functions and objects as texts."""
+    return json.loads(json.dumps(config, default=_plain))
 
 
 def _plain(value: Any) -> Any:

@@ -107,7 +107,7 @@ class Worlds:
         stagger = check_bool("stagger", stagger)
         params = self.env.default_params if params is None else params
         shared = self.shards.share(key), self._per_world(params), self.shards.share(np.asarray(stagger))
-        states = self._run(self._reset, *shared)
+        states = self.run(self._reset, *shared)
         if not self._saw_layouts and not is_traced(states):
             self._saw_layouts = True
             valid, ranges = self.shards.on_host((states.world.valid, states.params))
@@ -129,7 +129,7 @@ class Worlds:
         """
         self.check_states(states)
         check_action(self.env.action_space, action, self.shape)
-        return self._run(self._step, states, action)
+        return self.run(self._step, states, action)
 
     def rollout(
         self,
@@ -185,7 +185,7 @@ class Worlds:
         key = jax.random.key(0) if key is None else key
         check_key("key", key)
         program = self._rollout(policy, n_steps, check_keep(keep))
-        states, kept, memory = self._run(program, states, self.shards.share(key), args, memory, per_world)
+        states, kept, memory = self.run(program, states, self.shards.share(key), args, memory, per_world)
         return states, kept if memory is None else kept | {"memory": memory}
 
     def with_params(self, states: WorldsState, params: DomainParams) -> WorldsState:
@@ -267,7 +267,7 @@ class Worlds:
                     "every world"
                 )
 
-    def _run(self, program: Callable, *args: Any) -> Any:
+    def run(self, program: Callable, *args: Any) -> Any:
         """Runs a compiled program; its first run is waited for, since accelerators report a lack of memory late."""
         try:
             results = program(*args)

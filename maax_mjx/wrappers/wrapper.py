@@ -75,6 +75,10 @@ class Wrapper(Environment):
     def action_space(self) -> spaces.Dict:
         return self.env.action_space
 
+    @property
+    def acts_on(self) -> dict[str, tuple[tuple[str, int], ...]]:
+        return self.env.acts_on
+
     def begin(self, key: jax.Array, params: DomainParams) -> State:
         return self.env.begin(key, params)
 
@@ -180,7 +184,7 @@ class StateWrapper(Wrapper):
         raise NotImplementedError
 
     def begin(self, key: jax.Array, params: DomainParams) -> State:
-        return self.observe(self.env.begin(key, params))
+        return self.observe(self.env.begun(key, params))
 
     def transition(self, state: State, action: Any) -> State:
         return self.observe(self.env.advance(state, action))

@@ -83,6 +83,11 @@ class GrabObjects(Wrapper):
         shape = (n, self.n_grabbable) if self.selective else (n,)
         return spaces.Dict({**self.env.action_space.spaces, GRAB: spaces.MultiBinary(shape)})
 
+    @property
+    def acts_on(self) -> dict[str, tuple[tuple[str, int], ...]]:
+        mine = {GRAB: tuple((m.kind, m.n_max) for m in self.modules)} if self.selective else {}
+        return self.env.acts_on | mine
+
     def begin(self, key: jax.Array, params: DomainParams) -> State:
         n = self.base.n_agents
         grabs = Grabs(jnp.full(n, NOTHING, jnp.int32), jnp.zeros((n, 8)))

@@ -111,6 +111,11 @@ class LockObjects(Wrapper):
         shape = (n, self.n_lockable) if self.per_object else (n,)
         return spaces.Dict({**self.env.action_space.spaces, self.action_name: spaces.MultiBinary(shape)})
 
+    @property
+    def acts_on(self) -> dict[str, tuple[tuple[str, int], ...]]:
+        mine = {self.action_name: tuple((m.kind, m.n_max) for m in self.modules)} if self.per_object else {}
+        return self.env.acts_on | mine
+
     def begin(self, key: jax.Array, params: DomainParams) -> State:
         nobody = jnp.full(self.n_lockable, -1, jnp.int32)
         free = jnp.zeros(self.n_lockable, bool)

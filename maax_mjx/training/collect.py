@@ -1,0 +1,152 @@
+"""Steps of all worlds under the current policy, kept as what it learns from."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import plain
+from maax_mjx.parallel.episodes import WorldsState, advance
+from maax_mjx.training.actions import log_prob, sample
+from maax_mjx.training.config import PPOConfig
+from maax_mjx.training.league import Opponents, frozen_actions
+from maax_mjx.training.network import Memory, Network, Weights
+from maax_mjx.training.returns import ValueScale
+from maax_mjx.training.spec import Features
+
+FAULT = "physics_fault"
+
+
+class Batch(struct.PyTreeNode):
+    """What was seen, done and got, with the leading axes (n_steps, n_worlds), and (n_agents,) where agents differ.
+
+    Attributes:
+        features: what the networks read.
+        begins: (n_steps, n_worlds) bool, whether an episode begins at the step.
+        action: the action.
+        log_prob: its log-probability.
+        value: the critic's prediction, in its own units.
+        after: the value after an episode that was cut off, in the critic's units; only for `bootstrap="horizon"`.
+        reward: the reward of the step.
+        end, last, fault: (n_steps, n_worlds) bool, whether the game was over, the episode, or rolled back.
+        acts: bool, whether the policy learns from the step: the agent can act, and is not played by another policy.
+        counts: bool, whether the critic learns from it.
+        metrics: (n_steps, n_worlds, ...) numbers of the game, by name.
+        total: (n_steps, n_worlds, n_agents) reward of the episode so far.
+    """
+
+    features: Features
+    begins: jax.Array
+    action: dict[str, jax.Array]
+    log_prob: jax.Array
+    value: jax.Array
+    after: jax.Array
+    reward: jax.Array
+    end: jax.Array
+    last: jax.Array
+    fault: jax.Array
+    acts: jax.Array
+    counts: jax.Array
+    metrics: dict[str, jax.Array]
+    total: jax.Array
+
+
+class Remembered(struct.PyTreeNode):
+    """The memories of the networks and of past opponents; `opponents` is () without."""
+
+    own: Memory
+    opponents: Any
+
+
+def collect(
+    env: Environment,
+    network: Network,
+    weights: Weights,
+    opponents: Opponents | None,
+    index: jax.Array,
+    states: WorldsState,
+    memory: Remembered,
+    key: jax.Array,
+    ppo: PPOConfig,
+) -> tuple[WorldsState, Remembered, Batch, Memory]:
+    """Plays some steps.
+
+    Args:
+        env: the environment.
+        network, weights: the current policy.
+        opponents: past policies, which play one team in some worlds; None without.
+        index: (n,) indices of the worlds, which determine their draws.
+        states: the worlds' states.
+        memory: what is remembered of them.
+        key: key of this iteration.
+        ppo: the settings.
+
+    Returns:
+        The states and memories after the steps; what happened, (n_steps, n_worlds, ...); and the networks' memories
+        before every chunk, (n_steps / chunk, n_worlds, ...).
+    """
+    keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
+
+    Carry = tuple[WorldsState, Remembered]
+
+    def step(carry: Carry, t: jax.Array) -> tuple[Carry, Batch]:
+        states, memory = carry
+        features = network.spec.features(states.obs)
+        now, begins = jax.tree.map(lambda x: x[None], (features, states.done))
+        out, actor = network.actor(weights, now, memory.own.actor, begins)
+        value, critic = network.critic(weights, now, memory.own.critic, begins)
+        out = jax.tree.map(lambda x: x[0], out)
+        draws = jax.vmap(lambda k: jax.random.fold_in(k, t))(keys)
+        action = jax.vmap(partial(sample, network.heads))(out, draws)
+        chances = log_prob(network.heads, out, action)
+        theirs = jnp.zeros(chances.shape, bool)
+        frozen = memory.opponents
+        if opponents is not None:
+            action, theirs, frozen = frozen_actions(network, opponents, now, begins, frozen, action, draws)
+        played = {head.name: action[head.name] for head in network.heads}
+        after = advance(env, states, played)
+        fault = after.metrics[FAULT]
+        cut = jnp.zeros_like(value[0])
+        if ppo.bootstrap == "horizon":
+            final = jax.tree.map(lambda x: x[None], network.spec.features(after.final_obs))
+            cut = network.critic(weights, final, critic, jnp.zeros_like(begins))[0][0]
+        playing, acting = plain(states).active, states.can_act
+        batch = Batch(
+            features=features,
+            begins=states.done,
+            action=action,
+            log_prob=chances,
+            value=value[0],
+            after=cut,
+            reward=after.reward,
+            end=after.terminated | (after.truncated & (ppo.bootstrap == "end")),
+            last=after.done,
+            fault=fault,
+            acts=acting & ~theirs & ~fault[:, None],
+            counts=playing & ~theirs & ~fault[:, None],
+            metrics=after.metrics,
+            total=after.episode_return,
+        )
+        return (after, Remembered(Memory(actor, critic), frozen)), batch
+
+    def run(carry: Carry, times: jax.Array) -> tuple[Carry, tuple[Batch, Memory]]:
+        before = carry[1].own
+        carry, batch = jax.lax.scan(step, carry, times)
+        return carry, (batch, before)
+
+    times = jnp.arange(ppo.unroll).reshape(-1, ppo.chunk)
+    (states, now), (batch, before) = jax.lax.scan(run, (states, memory), times)
+    return states, now, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch), before
+
+
+def last_value(
+    network: Network, weights: Weights, scale: ValueScale, states: WorldsState, memory: Remembered
+) -> jax.Array:
+    """Returns what the critic expects after the last step, in units of rewards: (n_worlds, n_agents)."""
+    now, begins = jax.tree.map(lambda x: x[None], (network.spec.features(states.obs), states.done))
+    return scale.denormalised(network.critic(weights, now, memory.own.critic, begins)[0][0])

@@ -1,0 +1,178 @@
+"""Settings of training, as frozen dataclasses whose fields are overridden by dotted names, and presets of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from maax_mjx.common.annotated import Bounds, Count, Fraction, OneOf, Positive, PositiveCount
+from maax_mjx.common.checks import check_choice
+from maax_mjx.tasks.config import Config, override
+
+Discount = Annotated[float, Bounds(0, 1)]
+
+
+@dataclass(frozen=True)
+class PPOConfig(Config):
+    """Proximal policy optimisation (Schulman et al. 2017), with chunks of episodes for networks with a memory.
+
+    Attributes:
+        unroll: env steps of every world in one iteration.
+        chunk: steps through which gradients flow back in time; divides `unroll`.
+        epochs: times that every step is used.
+        minibatches: parts of an iteration's steps, each one update of the parameters.
+        microbatches: parts of a minibatch whose gradients are added up; they bound the memory, and change nothing else.
+        lr: learning rate of Adam.
+        gamma: discount per env step.
+        lam: lambda of generalised advantage estimation.
+        clip: how far the probability of an action may move from 1 times that with which it was taken.
+        entropy: weight of the policy's entropy, summed over the parts of an action.
+        value: weight of the critic's squared error, in the scale of its targets.
+        max_grad: greatest norm of the gradient.
+        advantage: whether advantages are standardised per "team" or over "all" agents.
+        stop_kl: approximate KL divergence of a minibatch beyond which an iteration makes no more updates; None never
+            stops.
+        bootstrap: "end" if the horizon is the end of the game, "horizon" if it only cuts the episode off.
+    """
+
+    unroll: PositiveCount = 40
+    chunk: PositiveCount = 20
+    epochs: PositiveCount = 2
+    minibatches: PositiveCount = 16
+    microbatches: PositiveCount = 1
+    lr: Positive = 3e-4
+    gamma: Discount = 0.998
+    lam: Fraction = 0.95
+    clip: Positive = 0.2
+    entropy: Annotated[float, Bounds(0)] = 0.01
+    value: Positive = 0.5
+    max_grad: Positive = 5.0
+    advantage: Annotated[str, OneOf(("team", "all"))] = "team"
+    stop_kl: Positive | None = 0.05
+    bootstrap: Annotated[str, OneOf(("end", "horizon"))] = "end"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.unroll % self.chunk:
+            raise ValueError(f"ppo.chunk: got {self.chunk}; takes a divisor of ppo.unroll, {self.unroll}")
+
+
+@dataclass(frozen=True)
+class NetConfig(Config):
+    """The networks: an actor and a critic of the same form, with parameters of their own.
+
+    Attributes:
+        encoder: "flat" joins all arrays; "pool" embeds every entity and takes the mean and the greatest over those that
+            are seen; "attend" lets them attend to each other first, as in Baker et al.
+        core: "none", "gru" or "lstm", what remembers.
+        width: numbers per embedded entity.
+        heads: of attention; a divisor of `width`.
+        hidden: numbers of the layers after the entities, and of the memory.
+        share: "all" agents have one set of parameters, or every "team" has its own.
+        norm: "scales" divides observations by the scales of their columns; "running" also by their running moments.
+        compute: type of the layers after the first ones.
+    """
+
+    encoder: Annotated[str, OneOf(("flat", "pool", "attend"))] = "pool"
+    core: Annotated[str, OneOf(("none", "gru", "lstm"))] = "lstm"
+    width: PositiveCount = 128
+    heads: PositiveCount = 4
+    hidden: PositiveCount = 256
+    share: Annotated[str, OneOf(("all", "team"))] = "all"
+    norm: Annotated[str, OneOf(("scales", "running"))] = "scales"
+    compute: Annotated[str, OneOf(("float32", "bfloat16"))] = "float32"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width % self.heads:
+            raise ValueError(f"net.heads: got {self.heads}; takes a divisor of net.width, {self.width}")
+
+
+@dataclass(frozen=True)
+class LeagueConfig(Config):
+    """Past opponents: some worlds in which one team is played by an earlier policy of the run.
+
+    Attributes:
+        share: share of the worlds; 0 is Baker et al.'s self-play.
+        groups: earlier policies at once.
+        every: iterations between those that are kept.
+        keep: number that is kept.
+    """
+
+    share: Fraction = 0.0
+    groups: PositiveCount = 4
+    every: PositiveCount = 50
+    keep: PositiveCount = 16
+
+
+@dataclass(frozen=True)
+class TrainConfig(Config):
+    """All settings of a run but its game.
+
+    Attributes:
+        worlds: number of worlds on all devices together.
+        save_minutes: minutes between saves.
+        ppo, net, league: see there.
+        env: fields of the game's config that the preset sets, where the game has them.
+    """
+
+    worlds: PositiveCount = 16_384
+    save_minutes: Positive = 5.0
+    ppo: PPOConfig = PPOConfig()
+    net: NetConfig = NetConfig()
+    league: LeagueConfig = LeagueConfig()
+    env: Mapping[str, Any] = field(default_factory=dict)
+
+
+EGO = {"observations": "ego", "observe": "all", "boxsize_obs": True}
+PRESETS: dict[str, TrainConfig] = {
+    "gpu": TrainConfig(env=EGO, net=NetConfig(compute="bfloat16")),
+    "laptop": TrainConfig(
+        worlds=32,
+        save_minutes=1.0,
+        ppo=PPOConfig(unroll=40, chunk=20, epochs=4, minibatches=4, lr=1e-3),
+        net=NetConfig(width=64, hidden=64),
+        env=EGO | {"impl": "c"},
+    ),
+    "baker": TrainConfig(
+        ppo=PPOConfig(unroll=160, chunk=10, epochs=1, minibatches=4, advantage="all", stop_kl=None),
+        net=NetConfig(encoder="attend", norm="running"),
+        env={"observations": "split", "observe": "all", "boxsize_obs": True},
+    ),
+}
+
+
+def preset(name: str, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
+    """Returns the settings of a preset, with some changed.
+
+    Args:
+        name: "gpu", "laptop", or "baker", the published network and settings.
+        overrides: values by dotted name, such as {"ppo.lr": 1e-4}.
+
+    Raises:
+        ValueError: an unknown name, or a value that a field does not allow.
+    """
+    return override(PRESETS[check_choice("preset", name, PRESETS)], dict(overrides or {}), f"preset {name}")
+
+
+def check_divides(config: TrainConfig, n_devices: int) -> int:
+    """Returns how many groups of worlds are shuffled apart, so that minibatches are alike on any number of devices.
+
+    Raises:
+        ValueError: worlds that do not fall into equal minibatches on all devices.
+    """
+    from math import gcd
+
+    ppo, rows = config.ppo, config.worlds * (config.ppo.unroll // config.ppo.chunk)
+    parts = ppo.minibatches * ppo.microbatches
+    each = n_devices * parts
+    if config.worlds % n_devices:
+        raise ValueError(f"worlds: got {config.worlds}; takes a multiple of the number of devices, {n_devices}")
+    if rows % each:
+        raise ValueError(
+            f"ppo.minibatches: got {ppo.minibatches} with {ppo.microbatches} microbatches on {n_devices} devices; "
+            f"takes numbers whose product divides the {rows} chunks of an iteration, {config.worlds} worlds of "
+            f"{ppo.unroll // ppo.chunk}"
+        )
+    return n_devices * gcd(64 // gcd(64, n_devices), rows // each, config.worlds // n_devices)

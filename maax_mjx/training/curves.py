@@ -1,0 +1,66 @@
+"""Curves of a run as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maax_mjx.common.whole import whole
+
+POINTS = 400
+"""Points of a curve; of more, neighbours are averaged."""
+PANELS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("reward per step", ("reward_",)),
+    ("caught, share of the steps", ("episode_caught",)),
+    ("metres", ("episode_max_",)),
+    ("locked", ("episode_boxes_locked", "episode_ramps_locked")),
+    ("entropy, nats", ("entropy_",)),
+    ("explained variance", ("explained_",)),
+    ("divergence; share clipped", ("kl", "clipped")),
+    ("env steps/s", ("env_steps_per_s",)),
+)
+"""Titles of the panels, and the beginnings of the names of what they show."""
+
+
+def draw_curves(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Draws the metrics of a run over its env steps, completely or not at all.
+
+    Args:
+        rows: a dict per iteration.
+        path: the picture.
+    """
+    if not rows:
+        return
+    # Not pyplot, which would choose a backend for the user's own figures.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    names = sorted({name for row in rows for name in row})
+    panels = [(title, [n for n in names if n.startswith(starts)]) for title, starts in PANELS]
+    panels = [(title, found) for title, found in panels if found]
+    figure = Figure(figsize=(11, 2.6 * -(-len(panels) // 2)), layout="constrained")
+    FigureCanvasAgg(figure)
+    for i, (title, found) in enumerate(panels):
+        axes = figure.add_subplot(-(-len(panels) // 2), 2, i + 1)
+        for name in found:
+            kept = [(row["steps"], row[name]) for row in rows if row.get(name) is not None]
+            if kept:
+                x, y = _thinned(np.asarray(kept, float))
+                axes.plot(x / 1e6, y, label=name.removeprefix("episode_").replace("_", " "), linewidth=1.2)
+        axes.set_title(title, fontsize=9)
+        axes.set_xlabel("million env steps", fontsize=8)
+        axes.tick_params(labelsize=8)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=7)
+    with whole(path) as part:
+        figure.savefig(part, dpi=100)
+
+
+def _thinned(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns x and y of at most some points (n, 2), each the mean of its neighbours."""
+    groups = np.array_split(points, min(len(points), POINTS))
+    means = np.stack([group.mean(axis=0) for group in groups])
+    return means[:, 0], means[:, 1]

@@ -1,0 +1,269 @@
+"""Evaluation: policies against scripted agents, other policies and their own past, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.common.checks import check_choice, check_count, described
+from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.state import State
+from maax_mjx.parallel import Worlds
+from maax_mjx.parallel.shards import Devices
+from maax_mjx.training.folder import Folder
+from maax_mjx.training.opponents import SCRIPTED, Scripted
+from maax_mjx.training.policy import Policy, check_policy
+
+LIKELY = 1.96
+"""Standard errors on either side of a mean that hold it in 95 of 100 cases."""
+
+
+class Estimate(NamedTuple):
+    """A mean over episodes.
+
+    Attributes:
+        mean: the mean.
+        margin: half of the width of its 95 % interval.
+    """
+
+    mean: float
+    margin: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.3g} ± {self.margin:.2g}"
+
+
+@dataclass(frozen=True)
+class Match:
+    """How a policy played a team against an opponent.
+
+    Attributes:
+        team: the policy's team; the opponent plays the others.
+        opponent: the opponent's name.
+        episodes: number of episodes.
+        score: return of an agent of the team.
+        won: share of the episodes in which the team had a higher return than the others, ties as half.
+        metrics: the game's numbers at the end of the episodes.
+    """
+
+    team: str
+    opponent: str
+    episodes: int
+    score: Estimate
+    won: Estimate
+    metrics: dict[str, Estimate]
+
+
+class Evaluation(NamedTuple):
+    """Matches of a policy; printed as a table."""
+
+    matches: tuple[Match, ...]
+
+    def of(self, team: str, opponent: str) -> Match:
+        """Returns a match.
+
+        Raises:
+            ValueError: no such match.
+        """
+        for match in self.matches:
+            if (match.team, match.opponent) == (team, opponent):
+                return match
+        raise ValueError(f"of: got {team!r} against {opponent!r}; takes {[(m.team, m.opponent) for m in self.matches]}")
+
+    def __str__(self) -> str:
+        shown = [name for name in ("caught",) if any(name in match.metrics for match in self.matches)]
+        head = ["team", "against", "episodes", "return", "won", *shown]
+        rows = [
+            [m.team, m.opponent, f"{m.episodes:,}", str(m.score), str(m.won), *(str(m.metrics[name]) for name in shown)]
+            for m in self.matches
+        ]
+        widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in [head, *rows]]
+        return "\n".join(line.rstrip() for line in lines)
+
+
+@dataclass(frozen=True)
+class Versus:
+    """Two players of one world: the first one's actions for the agents of a team, the second one's for the others.
+
+    Attributes:
+        first, second: functions `(state, key, memory, params) -> (action, memory)`.
+        mine: for every agent, whether the first plays it.
+    """
+
+    first: Callable[..., Any]
+    second: Callable[..., Any]
+    mine: tuple[bool, ...]
+
+    def __call__(self, state: State, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
+        """Plays one step, as policies with a memory do."""
+        parts = [
+            player(state, jax.random.fold_in(key, i), memory[i], params[i])
+            for i, player in enumerate((self.first, self.second))
+        ]
+        mine = jnp.asarray(self.mine)
+
+        def chosen(a: jax.Array, b: jax.Array) -> jax.Array:
+            return jnp.where(mine.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+
+        return jax.tree.map(chosen, parts[0][0], parts[1][0]), (parts[0][1], parts[1][1])
+
+
+def evaluate(
+    policy: Policy | str,
+    against: Sequence[Any] = ("random",),
+    episodes: int = 1024,
+    env: Environment | None = None,
+    teams: Sequence[str] | None = None,
+    devices: Devices = None,
+    seed: int = 0,
+) -> Evaluation:
+    """Plays a policy as each team against each opponent, in worlds that begin as usual.
+
+    Args:
+        policy: the policy, or the name of a scripted one.
+        against: opponents: "self", scripted ones ("random", "still", "chase", "close_door"), policies, files of them,
+            folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
+        episodes: episodes of every match, each in a world of its own.
+        env: the game; None makes that of the policy.
+        teams: the policy's teams; None is every team.
+        devices: see `Worlds`.
+        seed: of the worlds and the actions.
+
+    Returns:
+        The matches.
+
+    Raises:
+        ValueError: an unknown opponent or team, or a policy that does not fit the game.
+    """
+    episodes = check_count("episodes", episodes, minimum=2)
+    if env is None:
+        if isinstance(policy, str) and policy in SCRIPTED:
+            raise ValueError(f"env: got None with the scripted {policy!r}; takes an environment")
+        env = player_of("policy", policy).make_env()  # type: ignore[union-attr]
+    check_environment(env)
+    names = list(env.teams) if teams is None else [check_choice("teams", team, env.teams) for team in teams]
+    if not names:
+        raise ValueError("env: got one without teams; takes a game of teams")
+    worlds = Worlds(env, episodes, devices)
+    mine = _seated(player_of("policy", policy), env)
+    matches = []
+    for one in against:
+        other = mine if isinstance(one, str) and one == "self" else _seated(player_of("against", one), env)
+        name = one if isinstance(one, str) else repr(one)
+        matches += [_match(worlds, mine, other, team, name, seed) for team in names]
+    return Evaluation(tuple(matches))
+
+
+def player_of(argument: str, given: Any) -> Policy | Scripted:
+    """Returns the policy or scripted player that an argument names.
+
+    Raises:
+        ValueError: nothing of that name.
+    """
+    if isinstance(given, str) and given in SCRIPTED:
+        return SCRIPTED[given]
+    if isinstance(given, Policy | Scripted):
+        return given
+    if not isinstance(given, str | Path):
+        raise ValueError(f"{argument}: got {described(given)}; takes a policy, a file, or one of {sorted(SCRIPTED)}")
+    text, at, steps = str(given).rpartition("@")
+    if at and not Path(given).exists():
+        return _past(argument, text, steps)
+    if not Path(given).exists():
+        check_choice(argument, str(given), [*SCRIPTED, "self"])
+    return Policy.load(given)
+
+
+def _past(argument: str, folder: str, steps: str) -> Policy:
+    """Returns a run's past policy nearest to a number of steps, such as "50M"."""
+    unit = {"k": 10**3, "M": 10**6, "G": 10**9}.get(steps[-1:], 1)
+    try:
+        wanted = float(steps.rstrip("kMG")) * unit
+    except ValueError:
+        raise ValueError(f"{argument}: got {steps!r} after the @; takes a number of steps, such as 50M") from None
+    past = Folder(folder).past() if Path(folder).is_dir() else []
+    if not past:
+        raise ValueError(f"{argument}: got {folder}, which has no past policies; takes the folder of a run")
+    return Policy.load(min(past, key=lambda one: abs(one[0] - wanted))[1])
+
+
+class Seated(NamedTuple):
+    """A player of one environment: a function for one world, its parameters, and its memory of n worlds."""
+
+    play: Callable[..., Any]
+    params: Any
+    memory: Callable[[int], Any]
+
+
+def _seated(player: Policy | Scripted, env: Environment) -> Seated:
+    if isinstance(player, Scripted):
+        return Seated(player.on(env), np.zeros(0, np.float32), lambda n: np.zeros((n, 0), np.float32))
+    fitting = check_policy(player).on(env)
+    return Seated(fitting.play, fitting.params, fitting.memory)
+
+
+def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str, seed: int) -> Match:
+    """Plays the first episode of every world."""
+    env, n = worlds.env, worlds.n_worlds
+    slots = np.isin(np.arange(env.n_agents), env.teams[team].slots)
+    play = Versus(mine.play, other.play, tuple(bool(x) for x in slots))
+    world_key, play_key = jax.random.split(jax.random.key(seed))
+    keep = ("terminated", "truncated", "active", "episode_return", "metrics")
+    _, kept = worlds.rollout(
+        worlds.reset(world_key),
+        play,
+        env.base.horizon,
+        (mine.params, other.params),
+        key=play_key,
+        keep=keep,
+        memory=worlds.shards.put((mine.memory(n), other.memory(n))),
+    )
+    kept.pop("memory")
+    host = {name: jax.tree.map(np.asarray, x) for name, x in kept.items()}
+    ended = host["terminated"] | host["truncated"]
+    fault = host["metrics"]["physics_fault"]
+    first, index = ended.argmax(axis=0), np.arange(n)
+    # An episode that the physics cut off says nothing about the policies.
+    whole = ended.any(axis=0) & ~fault[first, index]
+    at = first[whole], index[whole]
+    returns, active = host["episode_return"][at], host["active"][at]
+    ours, theirs = _mean(returns, active & slots), _mean(returns, active & ~slots)
+    metrics = {name: x[at].reshape(len(at[0]), -1).mean(axis=1) for name, x in host["metrics"].items()}
+    won = np.where(ours > theirs, 1.0, np.where(ours == theirs, 0.5, 0.0))
+    return Match(
+        team=team,
+        opponent=opponent,
+        episodes=len(ours),
+        score=estimate(ours),
+        won=estimate(won),
+        metrics={name: estimate(x) for name, x in metrics.items()},
+    )
+
+
+def _mean(x: np.ndarray, where: np.ndarray) -> np.ndarray:
+    return np.where(where, x, 0.0).sum(axis=1) / np.maximum(where.sum(axis=1), 1)
+
+
+def estimate(values: np.ndarray) -> Estimate:
+    """Returns the mean of independent numbers (n,) and its 95 % interval."""
+    values = np.asarray(values, float)
+    error = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float("nan")
+    return Estimate(float(values.mean()), float(LIKELY * error))
+
+
+def as_json(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Returns the matches as JSON has them."""
+
+    def plain(x: Any) -> Any:
+        if isinstance(x, Estimate):
+            return {"mean": x.mean, "margin": x.margin}
+        return {k: plain(v) for k, v in x.items()} if isinstance(x, Mapping) else x
+
+    return [{name: plain(value) for name, value in vars(match).items()} for match in evaluation.matches]

@@ -1,0 +1,171 @@
+"""The folder of a run: what it trains, its metrics, saves, policies and curves."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from maax_mjx.common.whole import whole
+from maax_mjx.training.config import TrainConfig
+from maax_mjx.training.policy import Policy
+
+RUN, METRICS, POLICY, PAST, CURVES, SAVES, SMALL = (
+    "run.json", "metrics.jsonl", "policy", "past", "curves.png", "saves", "learner"
+)  # fmt: skip
+PART = 12_000_000
+"""Bytes of a file of a small save, at most, unless one array is larger."""
+
+
+class Folder:
+    """The files of a run.
+
+    Args:
+        path: the folder, created if it does not exist.
+
+    Raises:
+        ValueError: a path where no folder can be made, or a folder with other files and no run.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path).absolute()
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(f"folder: got {path}, where no folder can be made ({error.strerror})") from None
+        self.found = (self.path / RUN).exists()
+        if not self.found and any(not x.name.startswith(".") for x in self.path.iterdir()):
+            raise ValueError(f"folder: got {path}, which has other files; takes an empty one, a new one, or a run's")
+
+    def about(self) -> dict[str, Any]:
+        """Reads what the run trains.
+
+        Raises:
+            ValueError: a damaged file.
+        """
+        try:
+            return json.loads((self.path / RUN).read_text())
+        except (OSError, json.JSONDecodeError) as error:
+            raise ValueError(f"folder: got {self.path}, whose {RUN} cannot be read ({error})") from None
+
+    def describe(self, about: Mapping[str, Any]) -> None:
+        """Writes what the run trains."""
+        with whole(self.path / RUN) as part:
+            part.write_text(json.dumps(about, indent=1) + "\n")
+
+    def note(self, row: Mapping[str, Any]) -> None:
+        """Appends a row to the metrics."""
+        with (self.path / METRICS).open("a") as file:
+            file.write(json.dumps({k: _plain(v) for k, v in row.items()}) + "\n")
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Reads the metrics of all iterations; a line that was cut off is left out."""
+        found = []
+        for line in self._lines():
+            try:
+                found.append(json.loads(line))
+            except json.JSONDecodeError:
+                continue
+        return found
+
+    def forget(self, iteration: int) -> None:
+        """Drops the metrics after an iteration, which a run that goes on from its save makes again."""
+        kept = [row for row in self.rows() if row["iteration"] <= iteration]
+        if len(kept) < len(self._lines()):
+            with whole(self.path / METRICS) as part:
+                part.write_text("".join(json.dumps(row) + "\n" for row in kept))
+
+    def _lines(self) -> list[str]:
+        file = self.path / METRICS
+        return file.read_text().splitlines() if file.exists() else []
+
+    def keep_past(self, policy: Policy) -> None:
+        """Keeps a policy of now among the past ones."""
+        (self.path / PAST).mkdir(exist_ok=True)
+        policy.save(self.path / PAST / f"{policy.steps:015d}")
+
+    def past(self) -> list[tuple[int, Path]]:
+        """Steps and files of the past policies, the oldest first."""
+        folder = self.path / PAST
+        files = sorted(folder.iterdir()) if folder.is_dir() else []
+        return [(int(file.name), file) for file in files if file.name.isdigit()]
+
+    def save_small(self, tree: Any, about: Mapping[str, Any]) -> None:
+        """Writes a save that travels: arrays in files of some megabytes.
+
+        Args:
+            tree: the arrays.
+            about: numbers to go on with.
+        """
+        folder = self.path / SMALL
+        folder.mkdir(exist_ok=True)
+        names = []
+        for i, part in enumerate(_parts(jax.device_get(tree))):
+            # Files of different saves have different names: the list of them makes a save complete.
+            names.append(f"{about['iteration']}-{i}.npz")
+            with whole(folder / names[-1]) as path:
+                np.savez(path, **part)
+        with whole(folder / "save.json") as path:
+            path.write_text(json.dumps({**about, "files": names}))
+        for old in folder.glob("*.npz"):
+            if old.name not in names and not old.name.startswith("."):
+                old.unlink()
+
+    def load_small(self, like: Any) -> tuple[Any, dict[str, Any]] | None:
+        """Reads the small save; None without.
+
+        Args:
+            like: a tree of the same structure and shapes.
+
+        Raises:
+            ValueError: a damaged save, or one of other shapes.
+        """
+        folder = self.path / SMALL
+        if not (folder / "save.json").exists():
+            return None
+        try:
+            about = json.loads((folder / "save.json").read_text())
+            arrays: dict[str, np.ndarray] = {}
+            for name in about["files"]:
+                with np.load(folder / name, allow_pickle=False) as file:
+                    arrays |= dict(file)
+            found = []
+            for path, x in jax.tree.leaves_with_path(like):
+                array = arrays[jax.tree_util.keystr(path)]
+                if array.shape != np.shape(x):
+                    raise ValueError(f"{jax.tree_util.keystr(path)} has shape {array.shape}, not {np.shape(x)}")
+                found.append(array)
+        # Damaged bytes make NumPy, zipfile and JSON raise errors of a dozen kinds.
+        except Exception as error:
+            raise ValueError(f"folder: got {self.path}, whose {SMALL} cannot be read ({error})") from None
+        return jax.tree.unflatten(jax.tree.structure(like), found), about
+
+
+def _parts(tree: Any) -> Iterator[dict[str, np.ndarray]]:
+    part: dict[str, np.ndarray] = {}
+    for path, x in jax.tree.leaves_with_path(tree):
+        array = np.asarray(x)
+        if part and sum(a.nbytes for a in part.values()) + array.nbytes > PART:
+            yield part
+            part = {}
+        part[jax.tree_util.keystr(path)] = array
+    yield part
+
+
+def _plain(value: Any) -> Any:
+    """A number with six digits, as JSON has it: NaN and infinities are None."""
+    if isinstance(value, int | str | bool) or value is None:
+        return value
+    number = float(value)
+    return float(f"{number:.6g}") if math.isfinite(number) else None
+
+
+def settings_of(config: TrainConfig) -> dict[str, Any]:
+    """Returns the settings as JSON has them."""
+    return json.loads(json.dumps(asdict(config), default=str))

@@ -1,0 +1,202 @@
+"""The networks of actors and critics: encoders of observations, a memory, and heads (flax linen)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from maax_mjx.training.actions import Head
+from maax_mjx.training.config import NetConfig
+from maax_mjx.training.spec import Features
+
+FILTERS, KERNEL = 9, 3
+"""Of the circular convolution over lidar (Baker et al.)."""
+SMALL = nn.initializers.orthogonal(0.01)
+
+
+class Tower(nn.Module):
+    """An actor or a critic: what it reads, its memory and its heads.
+
+    Attributes:
+        net: the form of the network.
+        heads: parts of an action; empty for a critic, which puts out a "value".
+    """
+
+    net: NetConfig
+    heads: tuple[Head, ...] = ()
+
+    @nn.compact
+    def __call__(
+        self, features: Features, memory: jax.Array, begins: jax.Array
+    ) -> tuple[dict[str, jax.Array], jax.Array]:
+        """Reads some steps of some worlds.
+
+        Args:
+            features: with leading axes (n_steps, n_worlds, n_agents).
+            memory: (n_worlds, n_agents, m) from before the first step.
+            begins: (n_steps, n_worlds) bool, whether an episode begins at a step, so that nothing is remembered.
+
+        Returns:
+            What the heads put out, (n_steps, n_worlds, n_agents, width) by name, and the memory after the last step.
+        """
+        dtype = jnp.dtype(self.net.compute)
+        masks = features.seen if self.heads else features.known
+        parts = [features.own, _lidar(features.rays)] + ([] if self.heads else [features.critic])
+        own = jnp.concatenate(parts, axis=-1)
+        if self.net.encoder == "flat":
+            x, tokens = _flat(own, features.entities, masks, self.net, dtype), {}
+        else:
+            x, tokens = _entities(own, features.entities, masks, self.net, dtype)
+        x = nn.LayerNorm(dtype=dtype, name="norm in")(x)
+        x = nn.relu(nn.Dense(self.net.hidden, dtype=dtype, name="hidden")(x))
+        x = nn.LayerNorm(dtype=dtype, name="norm hidden")(x)
+        x, memory = Core(self.net, name="core")(x, memory, begins)
+        if self.net.core != "none":
+            x = nn.LayerNorm(dtype=dtype, name="norm out")(x)
+        x = x.astype(jnp.float32)
+        if not self.heads:
+            value = nn.Dense(1, kernel_init=nn.initializers.orthogonal(1.0), name="value")(x)
+            return {"value": value}, memory
+        out: dict[str, jax.Array] = {}
+        for head in self.heads:
+            if head.kinds and tokens:
+                out[head.name] = self._about_entities(head, x, tokens)
+            else:
+                out[head.name] = nn.Dense(head.width, kernel_init=SMALL, name=head.name)(x)
+            if not head.bins:
+                name = f"{head.name} log std"
+                log_std = self.param(name, nn.initializers.constant(-0.5), (head.n,))
+                out[name] = jnp.broadcast_to(log_std, (*x.shape[:-1], head.n))
+        return out, memory
+
+    def _about_entities(self, head: Head, x: jax.Array, tokens: dict[str, jax.Array]) -> jax.Array:
+        """Returns logits (..., n * bins) of choices about entities, each from its own embedding."""
+        own = nn.Dense(self.net.width, name=f"{head.name} own")(x)[..., None, :]
+        each = nn.Dense(self.net.width, name=f"{head.name} entity", use_bias=False)
+        rows = jnp.concatenate([tokens[kind].astype(jnp.float32) for kind, _ in head.kinds], axis=-2)
+        logits = nn.Dense(max(head.bins, 1), kernel_init=SMALL, name=head.name)(nn.relu(own + each(rows)))
+        return logits.reshape(*x.shape[:-1], head.width)
+
+
+def _lidar(rays: jax.Array) -> jax.Array:
+    """Returns what a circular convolution makes of rays (..., n_rays, c): (..., n_rays * FILTERS)."""
+    if not rays.shape[-1]:
+        return jnp.zeros((*rays.shape[:-2], 0), rays.dtype)
+    wrapped = jnp.concatenate([rays[..., -1:, :], rays, rays[..., :1, :]], axis=-2)
+    flat = wrapped.reshape(-1, *wrapped.shape[-2:])
+    found = nn.relu(nn.Conv(FILTERS, (KERNEL,), padding="VALID", name="lidar")(flat))
+    return found.reshape(*rays.shape[:-2], -1)
+
+
+def _flat(
+    own: jax.Array, entities: dict[str, jax.Array], masks: dict[str, jax.Array], net: NetConfig, dtype: Any
+) -> jax.Array:
+    """Joins everything, with zeros in place of what is masked."""
+    lead = own.shape[:-1]
+    rows = [jnp.where(masks[k][..., None], x, 0.0).reshape(*lead, -1) for k, x in entities.items()]
+    shown = [masks[k].astype(own.dtype) for k in entities]
+    x = jnp.concatenate([own, *rows, *shown], axis=-1)
+    return nn.relu(nn.Dense(net.hidden, name="embed own")(x)).astype(dtype)
+
+
+def _entities(
+    own: jax.Array, entities: dict[str, jax.Array], masks: dict[str, jax.Array], net: NetConfig, dtype: Any
+) -> tuple[jax.Array, dict[str, jax.Array]]:
+    """Embeds the agent and every entity, and takes them together.
+
+    Returns:
+        (..., k) and the entities' embeddings by kind.
+    """
+    # A layer of the agent and an entity joined, of which the agent's part is the same for all entities of a kind.
+    first = nn.relu(nn.Dense(net.width, name="embed own")(own)).astype(dtype)
+    tokens = {}
+    for kind, x in entities.items():
+        mine = nn.Dense(net.width, use_bias=False, name=f"embed own for {kind}")(own)
+        each = nn.Dense(net.width, name=f"embed {kind}")(jnp.where(masks[kind][..., None], x, 0.0))
+        tokens[kind] = nn.relu(each + mine[..., None, :]).astype(dtype)
+    names, sizes = list(tokens), [x.shape[-2] for x in tokens.values()]
+    everyone = jnp.concatenate([*tokens.values(), first[..., None, :]], axis=-2)
+    there = jnp.concatenate([*(masks[k] for k in names), jnp.ones((*own.shape[:-1], 1), bool)], axis=-1)
+    if net.encoder == "attend":
+        everyone = _attended(everyone, there, net, dtype)
+        mean = _mean(everyone, there)
+        pooled = [mean]
+    else:
+        everyone = nn.LayerNorm(dtype=dtype, name="norm entities")(everyone)
+        everyone = nn.relu(nn.Dense(net.width, dtype=dtype, name="entities")(everyone))
+        # The agent itself is always there, so that there is a greatest.
+        most = jnp.where(there[..., None], everyone, -jnp.inf).max(-2)
+        pooled = [_mean(everyone, there), most]
+    ends = [sum(sizes[: i + 1]) for i in range(len(sizes))]
+    split = {k: everyone[..., end - n : end, :] for k, n, end in zip(names, sizes, ends, strict=True)}
+    return jnp.concatenate([first, *pooled], axis=-1), split
+
+
+def _mean(x: jax.Array, there: jax.Array) -> jax.Array:
+    weights = there[..., None].astype(x.dtype)
+    return (x * weights).sum(-2) / (weights.sum(-2) + 1e-5)
+
+
+def _attended(x: jax.Array, there: jax.Array, net: NetConfig, dtype: Any) -> jax.Array:
+    """Masked residual self-attention over entities (..., n, width), as Baker et al. published it."""
+    size = net.width // net.heads
+    init = nn.initializers.variance_scaling(0.125, "fan_in", "normal")
+    y = nn.LayerNorm(dtype=dtype, name="norm before attention")(x)
+    q_k = nn.Dense(2 * net.width, kernel_init=init, dtype=dtype, name="queries and keys")(y)
+    q, k = jnp.split(q_k.reshape(*x.shape[:-1], net.heads, 2 * size), 2, axis=-1)
+    v = nn.Dense(net.width, kernel_init=init, dtype=dtype, name="values")(y).reshape(*x.shape[:-1], net.heads, size)
+    scores = jnp.einsum("...qhd,...khd->...hqk", q, k) / jnp.sqrt(size).astype(dtype)
+    scores = jnp.where(there[..., None, None, :], scores.astype(jnp.float32), -1e10)
+    # The agent itself is always there, so that no row is empty.
+    weights = jax.nn.softmax(scores).astype(dtype)
+    mixed = jnp.einsum("...hqk,...khd->...qhd", weights, v).reshape(x.shape)
+    x = x + nn.Dense(net.width, kernel_init=init, dtype=dtype, name="attention out")(mixed)
+    return nn.LayerNorm(dtype=dtype, name="norm after attention")(x)
+
+
+def memory_size(net: NetConfig) -> int:
+    """Returns how many numbers one agent's actor, or critic, remembers."""
+    return {"none": 0, "gru": net.hidden, "lstm": 2 * net.hidden}[net.core]
+
+
+class Core(nn.Module):
+    """What remembers: a GRU, or an LSTM with forget bias 1 (TensorFlow's BasicLSTMCell), or nothing.
+
+    Attributes:
+        net: the form of the network.
+    """
+
+    net: NetConfig
+
+    @nn.compact
+    def __call__(self, x: jax.Array, memory: jax.Array, begins: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Runs through (n_steps, n_worlds, n_agents, hidden); the other arguments are those of `Tower`."""
+        if self.net.core == "none":
+            return x, memory
+        n, dtype = self.net.hidden, jnp.dtype(self.net.compute)
+        gates = {"gru": 3, "lstm": 4}[self.net.core]
+        ortho = nn.initializers.orthogonal()
+        # The inputs of all steps in one product; only the memory's part is a loop.
+        given = nn.Dense(gates * n, dtype=dtype, kernel_init=ortho, name="input")(x).astype(jnp.float32)
+        kernel = self.param("memory", ortho, (n, gates * n)).astype(dtype)
+
+        def step(carry: jax.Array, t: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+            given, begins = t
+            carry = jnp.where(begins[:, None, None], 0.0, carry)
+            h = carry[..., -n:]
+            from_h = (h.astype(dtype) @ kernel).astype(jnp.float32)
+            if self.net.core == "gru":
+                (r, z, c), (hr, hz, hc) = (jnp.split(v, 3, axis=-1) for v in (given, from_h))
+                z = jax.nn.sigmoid(z + hz)
+                h = (1 - z) * jnp.tanh(c + jax.nn.sigmoid(r + hr) * hc) + z * h
+                return h, h
+            i, j, f, o = jnp.split(given + from_h, 4, axis=-1)
+            c = jax.nn.sigmoid(f + 1.0) * carry[..., :n] + jax.nn.sigmoid(i) * jnp.tanh(j)
+            h = jax.nn.sigmoid(o) * jnp.tanh(c)
+            return jnp.concatenate([c, h], axis=-1), h
+
+        memory, out = jax.lax.scan(step, memory, (given, begins))
+        return out.astype(dtype), memory

@@ -1,0 +1,86 @@
+"""Scripted players by name, for policies to be measured against."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.tasks import scripted
+from maax_mjx.wrappers import GrabObjects, LockObjects
+from maax_mjx.wrappers.wrapper import find
+
+Script = Callable[[Environment, State, jax.Array], Any]
+"""`(env, state, key) -> action` of all agents of one world."""
+
+
+@dataclass(frozen=True)
+class Scripted:
+    """A scripted player.
+
+    Attributes:
+        name: its name.
+        script: what it does, for all agents.
+        check: raises a ValueError for environments that it cannot play.
+    """
+
+    name: str
+    script: Script
+    check: Callable[[Environment], None] = lambda env: None
+
+    def on(self, env: Environment) -> Callable[..., Any]:
+        """Returns it as a player of an environment, `(state, key, memory, params) -> (action, memory)`.
+
+        Raises:
+            ValueError: an environment that it cannot play.
+        """
+        self.check(env)
+        return partial(_play, self.script, env)
+
+
+def _play(script: Script, env: Environment, state: State, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
+    return script(env, state, key), memory
+
+
+def _random(env: Environment, state: State, key: jax.Array) -> Any:
+    return env.sample_action(key)
+
+
+def _still(env: Environment, state: State, key: jax.Array) -> Any:
+    return scripted.to_action(env, jnp.zeros((env.n_agents, 3)))
+
+
+def _chase(env: Environment, state: State, key: jax.Array) -> Any:
+    """Every agent goes to the nearest one of another team."""
+    team = jnp.zeros(env.n_agents, int)
+    for i, one in enumerate(env.teams.values()):
+        team = team.at[jnp.asarray(one.slots)].set(i)
+    forces = [scripted.chase(state, env, i, team != team[i]) for i in range(env.n_agents)]
+    return scripted.to_action(env, jnp.stack(forces))
+
+
+def _close_door(env: Environment, state: State, key: jax.Array) -> Any:
+    """Every agent carries a box of its own into the quadrant's door, and locks it there."""
+    boxes = env.base.modules["box"].n_max  # type: ignore[attr-defined]
+    acts = [scripted.close_door(state, env, i, min(i, boxes - 1)) for i in range(env.n_agents)]
+    parts = {name: jnp.stack([act[1][name] for act in acts]) for name in ("grab", "lock")}
+    return scripted.to_action(env, jnp.stack([act[0] for act in acts]), **parts)
+
+
+def _can_close_doors(env: Environment) -> None:
+    if find(env, GrabObjects) is None or find(env, LockObjects) is None or "box" not in env.base.modules:
+        raise ValueError("close_door: got a game without boxes that can be grabbed and locked; takes the quadrant games")
+
+
+SCRIPTED: dict[str, Scripted] = {
+    "random": Scripted("random", _random),
+    "still": Scripted("still", _still),
+    "chase": Scripted("chase", _chase),
+    "close_door": Scripted("close_door", _close_door, _can_close_doors),
+}

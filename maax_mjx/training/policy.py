@@ -1,0 +1,262 @@
+"""Policies: trained networks that play, in one file each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import serialization
+
+from maax_mjx.common.checks import described
+from maax_mjx.common.recorded import differing, short
+from maax_mjx.common.whole import whole
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.parallel.saved import plain_config
+from maax_mjx.tasks import make
+from maax_mjx.training.actions import Head, mode, sample
+from maax_mjx.training.config import NetConfig
+from maax_mjx.training.network import Network, Weights
+from maax_mjx.training.spec import Kind, Part, Spec
+
+MAGIC, FORMAT = "maax_mjx policy", 1
+
+
+@dataclass(frozen=True)
+class Play:
+    """A network as a policy of one world, `(state, key, memory, weights) -> (action, memory)`; equal ones compile once.
+
+    Attributes:
+        network: the network.
+        deterministic: whether it takes the most likely action instead of drawing one.
+    """
+
+    network: Network
+    deterministic: bool = False
+
+    def __call__(self, state: State, key: jax.Array, memory: jax.Array, weights: Weights) -> tuple[Any, jax.Array]:
+        features = jax.tree.map(lambda x: x[None, None], self.network.spec.features(state.obs))
+        out, after = self.network.actor(weights, features, memory[None], jnp.zeros((1, 1), bool))
+        out = jax.tree.map(lambda x: x[0, 0], out)
+        choose = mode if self.deterministic else partial(sample, key=key)
+        return choose(self.network.heads, out), after[0]
+
+
+class Policy:
+    """A trained policy: its network, its weights and the game that it learnt.
+
+    It plays wherever policies are taken, `worlds.rollout(states, policy, 80)`, `maax.record(...)`; its memory is looked
+    after.
+
+    Args:
+        network: the network.
+        weights: its weights; without those of a critic it plays, but does not learn on.
+        game: name and config of the game, as `Checkpoints.about` has them; None if `maax.make` did not make it.
+        steps: env steps that it learnt from.
+        deterministic: whether it takes the most likely action instead of drawing one.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        weights: Weights,
+        game: Mapping[str, Any] | None = None,
+        steps: int = 0,
+        deterministic: bool = False,
+    ):
+        self.network, self.params, self.steps = network, weights, steps
+        self.game = dict(game) if game else None
+        self.play = Play(network, deterministic)
+
+    def __repr__(self) -> str:
+        game = self.game["game"] if self.game else "a game of one's own"
+        return f"<Policy of {game} after {self.steps:,} steps: {self.network.net.encoder}, {self.network.net.core}>"
+
+    def memory(self, n_worlds: int) -> np.ndarray:
+        """Returns what it remembers at the beginning of episodes, (n_worlds, n_agents, m)."""
+        shape = jax.eval_shape(lambda: self.network.memory(n_worlds).actor)
+        return np.zeros(shape.shape, shape.dtype)
+
+    def greedy(self) -> Policy:
+        """Returns the policy that takes the most likely actions."""
+        return Policy(self.network, self.params, self.game, self.steps, deterministic=True)
+
+    def make_env(self, **overrides: Any) -> Environment:
+        """Makes the game that it learnt.
+
+        Args:
+            **overrides: fields of its config to change.
+
+        Raises:
+            ValueError: a policy of a game that `maax.make` did not make, or what `maax.make` refuses.
+        """
+        if self.game is None:
+            raise ValueError("make_env: got a policy of an environment of one's own; takes one of a registered game")
+        config = {name: _as_tuples(value) for name, value in self.game["config"].items()}
+        return make(self.game["game"], **(config | overrides))
+
+    def on(self, env: Environment) -> Policy:
+        """Returns the policy as it plays another environment, with the same columns and actions.
+
+        Raises:
+            ValueError: an environment with other columns, actions or teams; the message names the first that differs.
+        """
+        other = Network.of(env, self.network.net)
+        if other == self.network:
+            return self
+        check_fits(self.network, other)
+        return Policy(other, self.params, self.game, self.steps, self.play.deterministic)
+
+    def save(self, path: str | Path) -> None:
+        """Writes it to one file, completely or not at all.
+
+        Args:
+            path: the file, such as "quad.policy".
+        """
+        header = {"magic": MAGIC, "format": FORMAT, "game": self.game, "steps": self.steps}
+        header["network"] = asdict(self.network)
+        host = jax.tree.map(np.asarray, self.params)
+        data = {"header": json.dumps(header), "weights": serialization.to_state_dict(host)}
+        with whole(Path(path)) as part:
+            part.write_bytes(serialization.msgpack_serialize(data))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Policy:
+        """Reads a file that `save` wrote, or the newest policy of a run's folder.
+
+        Args:
+            path: the file, or the folder of a run.
+
+        Raises:
+            ValueError: no such file, another one, or a damaged one.
+        """
+        path = Path(path)
+        path = path / "policy" if path.is_dir() else path
+        takes = "takes a file that Policy.save wrote, or the folder of a run"
+        try:
+            data = serialization.msgpack_restore(path.read_bytes())
+            header = json.loads(data["header"])
+            if header["magic"] != MAGIC:
+                raise ValueError("another kind of file")
+            network = _network_of(header["network"])
+            weights = _restored(network, data["weights"])
+        except FileNotFoundError:
+            raise ValueError(f"path: got {path}, which is not there; {takes}") from None
+        # Damaged bytes make msgpack and JSON raise errors of many kinds.
+        except Exception as error:
+            raise ValueError(f"path: got {path}, which is no policy, or damaged ({short(str(error))}); {takes}") from None
+        if header["format"] != FORMAT:
+            raise ValueError(f"path: got {path} of format {header['format']}; takes format {FORMAT}")
+        return cls(network, weights, header["game"], header["steps"])
+
+
+def check_fits(mine: Network, other: Network) -> None:
+    """Refuses networks whose parameters do not fit each other's environments.
+
+    Raises:
+        ValueError: other columns, actions or teams.
+    """
+    here, there = mine.spec.columns(), other.spec.columns()
+    for name in sorted({*here, *there}):
+        if here.get(name) != there.get(name):
+            raise ValueError(
+                f"policy: it reads {_columns(here.get(name))} of {name!r}, and env has {_columns(there.get(name))}; "
+                "takes an environment with the same columns"
+            )
+    if mine.spec.n_rays != other.spec.n_rays:
+        raise ValueError(
+            f"policy: it reads {mine.spec.n_rays} rays, and env has {other.spec.n_rays}; takes as many, lidar.n_rays"
+        )
+    for name in sorted({head.name for head in (*mine.heads, *other.heads)}):
+        ours, theirs = (next((h for h in of.heads if h.name == name), None) for of in (mine, other))
+        if ours is None or theirs is None or not _alike(ours, theirs):
+            raise ValueError(
+                f"policy: it decides {_choices(ours)} of {name!r}, and env has {_choices(theirs)}; takes an environment "
+                "with the same actions"
+            )
+    if [name for name, _ in mine.groups] != [name for name, _ in other.groups]:
+        raise ValueError(
+            f"policy: it has parameters for {[name for name, _ in mine.groups]}, and env has the teams "
+            f"{[name for name, _ in other.teams]}; takes an environment with the same teams"
+        )
+
+
+def _alike(a: Head, b: Head) -> bool:
+    """Whether two parts of an action are decided by the same parameters; those about entities by any number."""
+    return a.bins == b.bins and bool(a.kinds) == bool(b.kinds) and (a.n == b.n or bool(a.kinds))
+
+
+def _columns(names: tuple[str, ...] | None) -> str:
+    return "nothing" if names is None else f"{len(names)} columns ({', '.join(names)})"
+
+
+def _choices(head: Head | None) -> str:
+    if head is None:
+        return "nothing"
+    return f"{head.n} choices of {head.bins}" if head.bins else f"{head.n} numbers"
+
+
+def game_of(env: Environment) -> dict[str, Any] | None:
+    """Returns name and config of the game that an environment is, as JSON takes them; None if it was not made by name."""
+    made = env.made_from
+    return None if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
+
+
+def _as_tuples(value: Any) -> Any:
+    """Lists of JSON as the tuples that configs have."""
+    if isinstance(value, list):
+        return tuple(_as_tuples(x) for x in value)
+    return value
+
+
+def _network_of(fields: dict[str, Any]) -> Network:
+    spec = fields["spec"]
+    kinds = tuple(Kind(**{**kind, "parts": _parts(kind["parts"])}) for kind in spec["kinds"])
+    read = Spec(_parts(spec["own"]), _parts(spec["rays"]), _parts(spec["critic"]), kinds, spec["n_rays"])
+    heads = tuple(Head(**_as_tuples_in(head)) for head in fields["heads"])
+    teams = tuple((name, tuple(slots)) for name, slots in fields["teams"])
+    return Network(read, heads, NetConfig(**fields["net"]), teams)
+
+
+def _parts(parts: list[dict[str, Any]]) -> tuple[Part, ...]:
+    return tuple(Part(**_as_tuples_in(part)) for part in parts)
+
+
+def _as_tuples_in(fields: dict[str, Any]) -> dict[str, Any]:
+    return {name: _as_tuples(value) for name, value in fields.items()}
+
+
+def _restored(network: Network, saved: dict[str, Any]) -> Weights:
+    """Returns weights of the network's shapes.
+
+    Raises:
+        ValueError: other shapes.
+    """
+    template = jax.eval_shape(network.draw, jax.random.key(0))
+    if not saved["critic"]:
+        template = template.replace(critic={})
+    weights = serialization.from_state_dict(template, saved)
+    for (path, x), wanted in zip(jax.tree.leaves_with_path(weights), jax.tree.leaves(template), strict=True):
+        if np.shape(x) != wanted.shape:
+            raise ValueError(f"{jax.tree_util.keystr(path)} has shape {np.shape(x)}, not {wanted.shape}")
+    return weights
+
+
+def check_policy(policy: Any) -> Policy:
+    """Refuses what is no policy.
+
+    Raises:
+        ValueError: something else.
+    """
+    if not isinstance(policy, Policy):
+        raise ValueError(f"policy: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
+    return policy
+
+

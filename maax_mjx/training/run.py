@@ -1,0 +1,328 @@
+"""Training as users call it: a run in a folder, which ends by time or steps and goes on where it was."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.common.checks import LONG, check_count
+from maax_mjx.benchmarks.record import conditions
+from maax_mjx.common.annotated import Positive, check_value
+from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.parallel import Checkpoints, Worlds
+from maax_mjx.parallel.shards import Devices
+from maax_mjx.tasks import config_of, make
+from maax_mjx.tasks.config import field_names
+from maax_mjx.training.collect import Remembered
+from maax_mjx.training.config import TrainConfig, check_divides, preset as preset_of
+from maax_mjx.training.curves import draw_curves
+from maax_mjx.training.folder import CURVES, POLICY, SAVES, Folder, settings_of
+from maax_mjx.training.league import League
+from maax_mjx.training.learner import Learner, compile_iteration, new_learner
+from maax_mjx.training.network import Network, Weights
+from maax_mjx.training.policy import Policy, check_fits, check_policy, game_of
+
+BROKEN = 10
+"""Updates in a row that are not finite, after which a run stops."""
+LEAST_SECONDS = 10.0
+"""Between two drawings of the curves."""
+
+
+class Progress(NamedTuple):
+    """A run after an iteration.
+
+    Attributes:
+        iteration: iterations so far.
+        steps: env steps so far.
+        seconds: of training so far, compilation not included.
+        metrics: numbers of the iteration by name.
+    """
+
+    iteration: int
+    steps: int
+    seconds: float
+    metrics: dict[str, float]
+
+
+class Run(NamedTuple):
+    """A run that ended.
+
+    Attributes:
+        folder: its folder.
+        policy: the policy of its end.
+        progress: its last iteration.
+    """
+
+    folder: Path
+    policy: Policy
+    progress: Progress | None
+
+
+def train(
+    game: str | Environment,
+    folder: str | Path,
+    preset: str = "gpu",
+    worlds: int | None = None,
+    devices: Devices = "all",
+    minutes: float | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    on_iteration: Callable[[Progress], Any] | None = None,
+    begin_from: Policy | None = None,
+    env: Mapping[str, Any] | None = None,
+    **overrides: Any,
+) -> Run:
+    """Trains policies for all teams of a game, against each other.
+
+    A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices.
+
+    Example:
+        run = train("hide_and_seek_quadrant", "runs/quad", preset="gpu", minutes=30, **{"ppo.lr": 1e-4})
+        run.policy.save("quad.policy")
+
+    Args:
+        game: name of a game, or an environment whose agents observe for themselves.
+        folder: where everything is written.
+        preset: settings to start from, see `maax_mjx.training.config`.
+        worlds: number of worlds; None is that of the preset.
+        devices: see `Worlds`.
+        minutes: minutes of training at most in this call, compilation not included.
+        steps: env steps of the whole run at most.
+        seed: of the worlds, the weights and all draws.
+        on_iteration: called after every iteration; a run ends after it returns False.
+        begin_from: a policy that a new run begins with, also of another game with the same columns.
+        env: fields of the game's config to change; only with a name.
+        **overrides: settings by dotted name, such as "ppo.lr".
+
+    Returns:
+        The run's folder and its policy.
+
+    Raises:
+        ValueError: an unknown preset or setting, a folder with another run, minibatches that do not divide, or an
+            environment that networks cannot read.
+        FloatingPointError: ten updates in a row that were not finite; the last good save stays.
+        MemoryError: more worlds than fit.
+    """
+    trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, **overrides)
+    return trainer.run(minutes, steps, on_iteration)
+
+
+class Trainer:
+    """A run that is ready to begin or go on; the arguments are those of `train`."""
+
+    def __init__(
+        self,
+        game: str | Environment,
+        folder: str | Path,
+        preset: str = "gpu",
+        worlds: int | None = None,
+        devices: Devices = "all",
+        seed: int = 0,
+        begin_from: Policy | None = None,
+        env: Mapping[str, Any] | None = None,
+        **overrides: Any,
+    ):
+        self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
+        seed = check_count("seed", seed, maximum=LONG)
+        self.env = _environment(game, self.config, env)
+        self.network = Network.of(self.env, self.config.net)
+        self.worlds = Worlds(self.env, self.config.worlds, devices)
+        if self.worlds.shards.method == "pmap":
+            raise ValueError("devices: got a batch of pmap; takes shard_map")
+        check_divides(self.config, len(self.worlds.shards.devices))
+        self.folder = Folder(folder)
+        self._key, start, draw = jax.random.split(jax.random.key(seed), 3)
+        self._begin_worlds = start
+        self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self.league = League(self.config.league.keep)
+        weights = self.network.draw(draw) if begin_from is None else _taken_over(begin_from, self.network, draw)
+        self.learner = new_learner(weights, self.config)
+        self.states: Any = None
+        self.memory: Any = None
+        about = {
+            "game": game_of(self.env),
+            "columns": {name: list(columns) for name, columns in self.network.spec.columns().items()},
+            "net": settings_of(self.config)["net"],
+            "seed": seed,
+            "settings": settings_of(self.config),
+            "conditions": conditions(),
+        }
+        if self.folder.found:
+            _check_same(self.folder, about)
+            self._restore()
+        else:
+            self.folder.describe(about)
+            self._keep_past()
+        if self.states is None:
+            self.states = self.worlds.reset(jax.random.fold_in(self._begin_worlds, self.iteration), stagger=True)
+            self.memory = self._fresh_memory()
+        self._iterate = compile_iteration(self.worlds, self.network, self.config)
+
+    @property
+    def policy(self) -> Policy:
+        """The policy as it is now, on the host."""
+        return Policy(self.network, jax.device_get(self.learner.weights), game_of(self.env), self.steps)
+
+    def run(
+        self,
+        minutes: float | None = None,
+        steps: int | None = None,
+        on_iteration: Callable[[Progress], Any] | None = None,
+    ) -> Run:
+        """Trains until the minutes or the steps are over, and saves; the arguments are those of `train`."""
+        if minutes is not None:
+            check_value("minutes", minutes, Positive)
+        if steps is not None:
+            check_count("steps", steps, minimum=1, maximum=LONG)
+        if minutes is None and steps is None and on_iteration is None:
+            raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
+        per_iteration = self.config.worlds * self.config.ppo.unroll
+        progress, begun, saved, drawn = None, self.seconds, time.perf_counter(), 0.0
+        try:
+            while (minutes is None or self.seconds - begun < 60 * minutes) and (steps is None or self.steps < steps):
+                progress = self._iteration(first=progress is None)
+                if time.perf_counter() - saved > 60 * self.config.save_minutes:
+                    self.save()
+                    saved = time.perf_counter()
+                if time.perf_counter() - drawn > LEAST_SECONDS:
+                    draw_curves(self.folder.rows(), self.folder.path / CURVES)
+                    drawn = time.perf_counter()
+                if on_iteration is not None and on_iteration(progress) is False:
+                    break
+        finally:
+            if progress is not None and not int(self.learner.broken):
+                self.save()
+                draw_curves(self.folder.rows(), self.folder.path / CURVES)
+        return Run(self.folder.path, self.policy, progress)
+
+    def save(self) -> None:
+        """Saves everything: the run goes on from here."""
+        self.policy.save(self.folder.path / POLICY)
+        numbers = {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
+        self.folder.save_small(self.learner, numbers)
+        saves = Checkpoints(self.folder.path / SAVES)
+        if saves.latest is None or saves.latest < self.iteration:
+            counts = _counts(self.steps, self.seconds)
+            saves.save(
+                self.iteration, self.worlds, self.states, learner=self.learner, memory=self.memory, counts=counts
+            )
+
+    def _iteration(self, first: bool) -> Progress:
+        """Makes an iteration and notes it; the first one of a process compiles, which counts as no time."""
+        league, clock = self.config.league, time.perf_counter()
+        opponents = self.league.draw(self.iteration, league.groups, league.share) if league.share else None
+        key = jax.random.fold_in(self._key, self.iteration)
+        args = self.learner, opponents, key, self.states, self.memory
+        # Together, so that an interrupt while the device works leaves a state that can be saved.
+        self.learner, self.states, self.memory, given = self.worlds.run(self._iterate, *args)
+        self.iteration += 1
+        self.steps += (taken := self.config.worlds * self.config.ppo.unroll)
+        metrics = {name: float(x) for name, x in jax.device_get(given).items()}
+        spent = time.perf_counter() - clock
+        self.seconds += 0.0 if first else spent
+        speed = {"compile_s": spent} if first else {"env_steps_per_s": taken / spent}
+        progress = Progress(self.iteration, self.steps, self.seconds, metrics | speed)
+        counters = {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
+        self.folder.note(counters | progress.metrics)
+        if int(self.learner.broken) >= BROKEN:
+            raise FloatingPointError(
+                f"train: {BROKEN} updates in a row were not finite, the first array that is not: {self._not_finite()}; "
+                f"{self.folder.path} has the last good save"
+            )
+        if self.iteration % league.every == 0:
+            self._keep_past()
+        return progress
+
+    def _keep_past(self) -> None:
+        """Keeps the policy of now, for past opponents and for evaluations."""
+        policy = self.policy
+        policy.params = policy.params.replace(critic={})
+        self.folder.keep_past(policy)
+        self.league.add(policy.params)
+
+    def _not_finite(self) -> str:
+        """Returns the name of the first array that is not finite."""
+        trees = {"obs": self.states.obs, "reward": self.states.reward, "weights": self.learner.weights}
+        for path, x in jax.tree.leaves_with_path(trees):
+            if jnp.issubdtype(x.dtype, jnp.floating) and not bool(jnp.isfinite(x).all()):
+                return jax.tree_util.keystr(path, simple=True, separator=".")
+        return "the gradient"
+
+    def _fresh_memory(self) -> Remembered:
+        """What is remembered at the beginning, on the worlds' devices."""
+        shards, league = self.worlds.shards, self.config.league
+        opponents: Any = ()
+        if league.share:
+            block = round(league.share * shards.per_device / league.groups)
+            opponents = self.network.memory(block * league.groups * len(shards.devices)).actor
+        return Remembered(self.network.memory(self.config.worlds), opponents)
+
+    def _restore(self) -> None:
+        """Takes over the newest save: the whole one with as many worlds, else what was learnt, with new worlds."""
+        saves = Checkpoints(self.folder.path / SAVES)
+        learner, memory = jax.eval_shape(lambda: (self.learner, self._fresh_memory()))
+        like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": memory})
+        if saves.latest is not None and saves.about()["n_worlds"] == self.config.worlds:
+            self.states, found = saves.restore(self.worlds, counts=_counts(0, 0.0), **like)
+            self.learner, self.memory = found["learner"], found["memory"]
+            self.iteration, self.steps = int(saves.latest), int(found["counts"]["steps"])
+            self.seconds = float(found["counts"]["seconds"])
+        elif small := self.folder.load_small(like["learner"]):
+            self.learner, numbers = small
+            self.iteration, self.steps, self.seconds = (numbers[x] for x in ("iteration", "steps", "seconds"))
+        self.folder.forget(self.iteration)
+        for steps, file in self.folder.past():
+            if steps <= self.steps:
+                self.league.add(Policy.load(file).params)
+
+
+def _counts(steps: int, seconds: float) -> dict[str, np.ndarray]:
+    return {"steps": np.asarray(steps, np.int64), "seconds": np.asarray(seconds, np.float64)}
+
+
+def _environment(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
+    """Makes the game with the preset's fields, of those that it has, and the user's."""
+    if not isinstance(game, str):
+        if env:
+            raise ValueError(f"env: got {sorted(env)} with an environment; takes fields only with a name")
+        return check_environment(game)
+    known = field_names(config_of(game))
+    return make(game, **({name: value for name, value in config.env.items() if name in known} | dict(env or {})))
+
+
+def _taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
+    """Returns the weights of a policy for another run; a critic that it lacks is drawn.
+
+    Raises:
+        ValueError: a policy of other networks.
+    """
+    mine = check_policy(policy).network
+    if mine.net != network.net:
+        raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")
+    check_fits(mine, network)
+    drawn = network.draw(key)
+    same = jax.tree.map(jnp.shape, policy.params.critic) == jax.tree.map(jnp.shape, drawn.critic)
+    critic = policy.params.critic if same else drawn.critic
+    # In memory of their own, since they are donated.
+    return jax.tree.map(jnp.array, policy.params.replace(critic=critic))
+
+
+def _check_same(folder: Folder, about: Mapping[str, Any]) -> None:
+    """Refuses a folder with another run.
+
+    Raises:
+        ValueError: another game, network or seed; the message names the first that differs.
+    """
+    was = folder.about()
+    for name in ("game", "columns", "net", "seed"):
+        if was.get(name) != about[name]:
+            raise ValueError(
+                f"folder: got {folder.path}, which has a run with {name}={was.get(name)}, not {about[name]}; takes "
+                "that run's, or another folder"
+            )
