@@ -14,8 +14,6 @@ os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quick()}"
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).parent.parent / ".jax_cache")
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
 os.environ["MAAX_XLA_LEVEL"] = "0"
-# Tracing makes many small objects, which live on: looking for garbage among them took a tenth of the time.
-gc.set_threshold(100_000, 20, 100)
 
 import maax_mjx as maax  # isort: skip
 
@@ -23,6 +21,8 @@ import jax
 import pytest
 from hypothesis import settings
 
+# Tracing makes many small objects, which live on: looking for garbage among them took a tenth of the time.
+gc.set_threshold(100_000, 20, 100)
 settings.register_profile("maax", deadline=None, max_examples=25)
 settings.load_profile("maax")
 

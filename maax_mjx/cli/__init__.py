@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
 import tyro
 
 from maax_mjx.cli.bench import BENCHMARKS, bench
+from maax_mjx.cli.evaluate import Evaluate, evaluate
 from maax_mjx.cli.info import Info, info
 from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
 from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
+from maax_mjx.cli.train import Train, train
 from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.runtime import is_out_of_memory
@@ -37,6 +39,8 @@ class Bench:
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "rollout": Rollout,
+    "train": Train,
+    "evaluate": Evaluate,
     "worlds": Sheet,
     "replay": Replay,
     "info": Info,
@@ -80,6 +84,10 @@ def run(argv: list[str]) -> None:
     if argv and not argv[0].startswith("-"):
         check_choice("command", argv[0], COMMANDS)
     argv, overrides = split_overrides(argv)
+    settings: dict[str, str] = {}
+    for group in ("ppo", "net", "league") if argv[:1] == ["train"] else ():
+        argv, found = split_overrides(argv, f"--{group}.")
+        settings |= {f"{group}.{name}": text for name, text in found.items()}
     if argv[:1] in (["rollout"], ["info"]) and len(argv) > 1 and not argv[1].startswith("-"):
         check_choice("env", argv[1], tasks())
     args = tyro.extras.subcommand_cli_from_dict(
@@ -87,11 +95,15 @@ def run(argv: list[str]) -> None:
     )
     if isinstance(args, Rollout):
         rollout(args, overrides)
+    elif isinstance(args, Train):
+        train(replace(args, settings=settings), overrides)
+    elif isinstance(args, Evaluate):
+        evaluate(args, overrides)
     elif isinstance(args, Info) and (args.env or not overrides):
         info(args, overrides)
     elif overrides:
         field = f"--env.{next(iter(overrides))}"
-        raise ValueError(f"{field}: only rollout and info of an environment take fields of its config")
+        raise ValueError(f"{field}: only rollout, train, evaluate and info of an environment take fields of its config")
     elif isinstance(args, Sheet):
         with Interrupt():
             sheet(args)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import ast
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import is_dataclass
 from pathlib import Path
-from types import NoneType
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import maax_mjx as maax
-from maax_mjx.common.annotated import Bounds, field_kinds
+from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
 from maax_mjx.core.env import Environment
+from maax_mjx.tasks.config import inner_config
 
 ENV = "--env."
 MISTAKES = (ValueError, OSError, MemoryError, maax.MissingLibraryError)
@@ -37,11 +36,15 @@ def check_words(argv: Sequence[str]) -> None:
             raise ValueError(f"{name.removeprefix('--')}: got an empty value; takes one, or leave the option out")
 
 
-def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
+def split_overrides(argv: list[str], prefix: str = ENV) -> tuple[list[str], dict[str, str]]:
     """Splits the arguments into those without `--env.FIELD VALUE`, and a dict of these.
 
     A value ends at the next option or at the name of an environment; several words are joined by commas, so that
     `--env.n_boxes 2 6` is `--env.n_boxes 2,6`.
+
+    Args:
+        argv: the arguments.
+        prefix: what the fields' names begin with.
 
     Raises:
         ValueError: a field without a value.
@@ -50,8 +53,8 @@ def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
     found: dict[str, list[str]] = {}
     name, open_ended = "", False
     for word in argv:
-        if word.startswith(ENV):
-            name, equals, value = word.removeprefix(ENV).partition("=")
+        if word.startswith(prefix):
+            name, equals, value = word.removeprefix(prefix).partition("=")
             name, open_ended = name.replace("-", "_"), not equals
             found[name] = [value] if equals else []
         elif open_ended and not word.startswith("--") and not (found[name] and word in maax.tasks()):
@@ -61,7 +64,7 @@ def split_overrides(argv: list[str]) -> tuple[list[str], dict[str, str]]:
             rest.append(word)
     for name, words in found.items():
         if not any(words):
-            raise ValueError(f"{ENV}{name}: got no value; takes one, such as 3, or 2,6 for a range")
+            raise ValueError(f"{prefix}{name}: got no value; takes one, such as 3, or 2,6 for a range")
     return rest, {name: ",".join(words) for name, words in found.items()}
 
 
@@ -83,30 +86,29 @@ def make_env(name: str, impl: str, overrides: Mapping[str, str]) -> Environment:
 
 
 def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
-    """Makes the config of an environment, with fields that are given as texts.
-
-    True means the defaults of a field that is itself a config, such as `--env.grab True`.
+    """Makes the config of an environment, with fields that are given as texts; see `values_of`.
 
     Raises:
         ValueError: an unknown field.
     """
-    configs = _inner_configs(type(maax.config_of(name)))
+    return maax.config_of(name, **{"impl": impl, **values_of(name, overrides)})
+
+
+def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
+    """Returns the fields of an environment's config that are given as texts.
+
+    True means the defaults of a field that is itself a config, such as `--env.grab True`.
+
+    Raises:
+        ValueError: an unknown environment.
+    """
+    config = type(maax.config_of(name))
     values = {field: value_of(text) for field, text in overrides.items()}
-    for field, inner in configs.items():
-        if values.get(field) is True:
+    for field, value in values.items():
+        if value is True and (inner := inner_config(config, field)):
             values[field] = inner()
     # Whole configs first, so that their own fields can be given in any order.
-    return maax.config_of(name, **dict(sorted({"impl": impl, **values}.items(), key=lambda item: "." in item[0])))
-
-
-def _inner_configs(config: type) -> dict[str, type]:
-    """Returns the classes of the fields that are configs or None."""
-    found = {}
-    for field, hint in field_kinds(config).items():
-        kinds = [kind for kind in get_args(hint) if isinstance(kind, type) and is_dataclass(kind)]
-        if kinds and NoneType in get_args(hint):
-            found[field] = kinds[0]
-    return found
+    return dict(sorted(values.items(), key=lambda item: "." in item[0]))
 
 
 def report(result: Mapping[str, Any], as_json: bool, lines: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,3 +24,12 @@ def null_rows(arrays: dict[str, jax.Array], who: jax.Array) -> dict[str, jax.Arr
 def shown(array: jax.Array, mask: jax.Array) -> jax.Array:
     """Returns the array with zeros where a mask over its leading axes is false."""
     return jnp.where(mask.reshape(*mask.shape, *[1] * (array.ndim - mask.ndim)), array, jnp.zeros_like(array))
+
+
+def strong(tree: Any) -> Any:
+    """Returns arrays of the same types that Python's numbers do not adapt to.
+
+    What `2.0 * x` of a wrapper gives may be weakly typed where the state before was not; a program that gets both is
+    compiled twice.
+    """
+    return jax.tree.map(lambda x: x.astype(x.dtype) if getattr(x, "weak_type", False) else x, tree)

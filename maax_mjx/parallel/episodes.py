@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from maax_mjx.common.arrays import strong
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import FIELDS, State, plain, summary
@@ -77,7 +78,7 @@ def begin(
     seed = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
     # One reset for the episodes 0 and 1 of all worlds: two resets would compile twice.
     keys = jnp.concatenate([_episode_key(seed, jnp.full(n, e)) for e in (0, 1)])
-    both = jax.vmap(env.reset)(keys, jax.tree.map(lambda x: jnp.concatenate([x, x]), params))
+    both = strong(jax.vmap(env.reset)(keys, jax.tree.map(lambda x: jnp.concatenate([x, x]), params)))
     first, second = jax.tree.map(lambda x: x[:n], both), jax.tree.map(lambda x: x[n:], both)
     age = (index * env.base.horizon // n_worlds).astype(jnp.int32)
     first = first.replace(step=jnp.where(stagger, age, first.step))
@@ -100,7 +101,7 @@ def begin(
 
 def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
     """Steps all worlds once, and begins the next episode where one ended."""
-    stepped = jax.vmap(env.step)(plain(states), action)
+    stepped = strong(jax.vmap(env.step)(plain(states), action))
     done = stepped.done
     # The first step after an episode's end restarts the sums.
     running = ~states.done

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,33 @@ With a memory `(state, key, memory, *args) -> (action, memory)`, where the memor
 an episode begins. Either may also return a dict of arrays to keep, such as values: `(action, extras)` and
 `(action, memory, extras)`.
 """
+
+
+class Player(Protocol):
+    """A policy that brings parameters and a memory of its own, such as `maax_mjx.training.Policy`."""
+
+    @property
+    def play(self) -> Policy:
+        """`(state, key, memory, params) -> (action, memory)` for one world."""
+
+    @property
+    def params(self) -> Any:
+        """What `play` gets as its last argument."""
+
+    def memory(self, n_worlds: int) -> Any:
+        """Returns the memory at the beginning of episodes, with the leading axis (n_worlds,)."""
+
+    def on(self, env: Environment) -> Player:
+        """Returns it as it plays an environment.
+
+        Raises:
+            ValueError: an environment that it cannot play.
+        """
+
+
+def is_player(policy: Any) -> TypeGuard[Player]:
+    """Whether a policy brings parameters and a memory of its own."""
+    return all(hasattr(policy, name) for name in ("play", "params", "memory", "on"))
 
 
 class Decision(NamedTuple):

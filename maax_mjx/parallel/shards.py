@@ -59,7 +59,7 @@ class Shards:
         self,
         function: Callable,
         in_axes: tuple[int | None, ...],
-        out_axes: int | tuple[int, ...] = 0,
+        out_axes: int | tuple[int | None, ...] = 0,
         donate: tuple[int, ...] = (),
         options: Mapping[str, Any] | None = None,
     ) -> Callable:
@@ -68,7 +68,7 @@ class Shards:
         Args:
             function: `(index, *args)`, where `index` (n,) int32 are the indices of the device's worlds.
             in_axes: for each of `args`, 0 if worlds are its leading axis, None if all devices share it.
-            out_axes: axis of the worlds in each result.
+            out_axes: axis of the worlds in each result; None where all devices have the same.
             donate: indices of `args` that are donated.
             options: compiler options; pmap takes none.
         """

@@ -20,7 +20,7 @@ from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
-from maax_mjx.parallel.policy import Policy, check_policy
+from maax_mjx.parallel.policy import Player, Policy, check_policy, is_player
 from maax_mjx.parallel.rollout import check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
 
@@ -134,7 +134,7 @@ class Worlds:
     def rollout(
         self,
         states: WorldsState,
-        policy: Policy,
+        policy: Policy | Player,
         n_steps: int,
         *args: Any,
         key: jax.Array | None = None,
@@ -149,7 +149,7 @@ class Worlds:
             policy: `policy(state, key, *args) -> action` for one world: its `State`, a key for this world and step, and
                 `args`; with a memory `policy(state, key, memory, *args) -> (action, memory)`. It may also return a dict
                 of arrays, last: `(action, extras)`, `(action, memory, extras)`. Pass the same function again, or it is
-                compiled again.
+                compiled again. A trained policy (`maax_mjx.training.Policy`) brings its parameters and its memory.
             n_steps: number of env steps.
             args: further arguments of the policy, such as a network's parameters; arrays, which may change from call to
                 call.
@@ -177,6 +177,10 @@ class Worlds:
         """
         self.check_states(states)
         n_steps = check_count("n_steps", n_steps, minimum=1)
+        if is_player(policy):
+            player = policy.on(self.env)
+            policy, args = player.play, (player.params, *args)
+            memory = self.shards.put(player.memory(self.n_worlds)) if memory is None else memory
         if not isinstance(per_world, tuple):
             raise ValueError(f"per_world: got {described(per_world)}; takes a tuple of trees of arrays")
         check_policy(policy, memory is not None, (*args, *per_world))

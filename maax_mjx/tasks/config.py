@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from maax_mjx.common.annotated import check_fields, check_value, field_kinds
 from maax_mjx.common.checks import check_choice
@@ -81,6 +81,32 @@ def override(config: C, overrides: Mapping[str, Any], where: str, path: str = ""
             check_value(path + name, value, field_kinds(type(config))[name])
         config = replace(config, **{head: value})  # type: ignore[type-var]
     return config
+
+
+def from_plain(config: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns fields of a config as it has them, of texts, numbers, lists and dicts as JSON has them.
+
+    Args:
+        config: class of the config.
+        values: fields by name.
+    """
+    found = {}
+    for name, value in values.items():
+        if inner := inner_config(config, name):
+            value = inner(**from_plain(inner, value)) if isinstance(value, Mapping) else value
+        found[name] = _with_tuples(value)
+    return found
+
+
+def inner_config(config: type, name: str) -> type | None:
+    """Returns the class of a config's field that is itself a config, or may be one; None for other fields."""
+    hint = field_kinds(config).get(name)
+    kinds = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and is_dataclass(kind)]
+    return kinds[0] if kinds else None
+
+
+def _with_tuples(value: Any) -> Any:
+    return tuple(_with_tuples(x) for x in value) if isinstance(value, list) else value
 
 
 def field_names(config: Any) -> list[str]:

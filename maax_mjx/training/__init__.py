@@ -1,19 +1,29 @@
 """Training of agents: recurrent multi-agent PPO on any number of devices, and policies that play."""
 
 from maax_mjx.training.config import PRESETS, LeagueConfig, NetConfig, PPOConfig, TrainConfig, preset
+from maax_mjx.training.evaluate import Estimate, Evaluation, Match, as_json, evaluate, player_of
+from maax_mjx.training.opponents import SCRIPTED, Scripted
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.run import Progress, Run, Trainer, train
 
 __all__ = [
     "PRESETS",
+    "SCRIPTED",
+    "Estimate",
+    "Evaluation",
     "LeagueConfig",
+    "Match",
     "NetConfig",
     "PPOConfig",
     "Policy",
     "Progress",
     "Run",
+    "Scripted",
     "TrainConfig",
     "Trainer",
+    "as_json",
+    "evaluate",
+    "player_of",
     "preset",
     "train",
 ]

@@ -59,7 +59,9 @@ def heads_of(env: Environment, spec: Spec) -> tuple[Head, ...]:
         elif isinstance(space, spaces.Box):
             bins = 0
         else:
-            raise ValueError(f"env: its action {name!r} is a {type(space).__name__}; takes Box, MultiDiscrete, MultiBinary")
+            raise ValueError(
+                f"env: its action {name!r} is a {type(space).__name__}; takes Box, MultiDiscrete, MultiBinary"
+            )
         kinds = env.acts_on.get(name, ())
         observed = {kind.name: kind.n for kind in spec.kinds}
         if not all(observed.get(kind) == number for kind, number in kinds):
@@ -106,9 +108,7 @@ def mode(heads: tuple[Head, ...], out: Mapping[str, jax.Array]) -> dict[str, jax
     return action
 
 
-def log_prob(
-    heads: tuple[Head, ...], out: Mapping[str, jax.Array], action: Mapping[str, jax.Array]
-) -> jax.Array:
+def log_prob(heads: tuple[Head, ...], out: Mapping[str, jax.Array], action: Mapping[str, jax.Array]) -> jax.Array:
     """Returns the log-probability (density) of an action over all its parts: (...,) float32."""
     total: jax.Array | float = 0.0
     for head in heads:

@@ -141,7 +141,7 @@ def collect(
 
     times = jnp.arange(ppo.unroll).reshape(-1, ppo.chunk)
     (states, now), (batch, before) = jax.lax.scan(run, (states, memory), times)
-    return states, now, jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch), before
+    return states, now, jax.tree.map(lambda x: x.reshape(ppo.unroll, *x.shape[2:]), batch), before
 
 
 def last_value(

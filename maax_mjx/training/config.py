@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from maax_mjx.common.annotated import Bounds, Count, Fraction, OneOf, Positive, PositiveCount
+from maax_mjx.common.annotated import Bounds, Fraction, OneOf, Positive, PositiveCount
 from maax_mjx.common.checks import check_choice
 from maax_mjx.tasks.config import Config, override
 

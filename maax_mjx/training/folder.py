@@ -110,7 +110,7 @@ class Folder:
             # Files of different saves have different names: the list of them makes a save complete.
             names.append(f"{about['iteration']}-{i}.npz")
             with whole(folder / names[-1]) as path:
-                np.savez(path, **part)
+                np.savez(path, **part)  # type: ignore[arg-type]
         with whole(folder / "save.json") as path:
             path.write_text(json.dumps({**about, "files": names}))
         for old in folder.glob("*.npz"):

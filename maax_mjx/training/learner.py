@@ -18,7 +18,7 @@ from maax_mjx.training.collect import Batch, Remembered, collect, last_value
 from maax_mjx.training.config import TrainConfig, check_divides
 from maax_mjx.training.league import Opponents
 from maax_mjx.training.network import Network, Weights, updated
-from maax_mjx.training.ppo import Mean, Rows, Updates, optimiser, rows_of, update
+from maax_mjx.training.ppo import Mean, Updates, optimiser, rows_of, update
 from maax_mjx.training.returns import ValueScale, advantages
 
 
@@ -105,9 +105,7 @@ def iterate(
     """
     ppo, weights, scale = config.ppo, learner.weights, learner.scale
     play, shuffle = jax.random.split(key)
-    states, memory, batch, before = collect(
-        worlds.env, network, weights, opponents, index, states, memory, play, ppo
-    )
+    states, memory, batch, before = collect(worlds.env, network, weights, opponents, index, states, memory, play, ppo)
     value = scale.denormalised(batch.value)
     nexts = jnp.concatenate([value[1:], last_value(network, weights, scale, states, memory)[None]])
     per_agent = partial(jnp.broadcast_to, shape=value.shape)
@@ -183,9 +181,7 @@ def _order(key: jax.Array, first: jax.Array, groups: int, n_rows: int, config: T
     )
 
 
-def _metrics(
-    network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean
-) -> dict[str, jax.Array]:
+def _metrics(network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean) -> dict[str, jax.Array]:
     """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it."""
     over: dict[str, tuple[jax.Array, jax.Array]] = {}
     done = batch.last

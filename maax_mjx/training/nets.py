@@ -46,8 +46,9 @@ class Tower(nn.Module):
         masks = features.seen if self.heads else features.known
         parts = [features.own, _lidar(features.rays)] + ([] if self.heads else [features.critic])
         own = jnp.concatenate(parts, axis=-1)
+        tokens: dict[str, jax.Array] = {}
         if self.net.encoder == "flat":
-            x, tokens = _flat(own, features.entities, masks, self.net, dtype), {}
+            x = _flat(own, features.entities, masks, self.net, dtype)
         else:
             x, tokens = _entities(own, features.entities, masks, self.net, dtype)
         x = nn.LayerNorm(dtype=dtype, name="norm in")(x)

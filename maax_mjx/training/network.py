@@ -144,7 +144,7 @@ class Network:
     def _run(
         self, heads: tuple[Head, ...], params: dict[str, Any], features: Features, memory: jax.Array, begins: jax.Array
     ) -> tuple[dict[str, jax.Array], jax.Array]:
-        tower = Tower(self.net, heads)
+        tower: Any = Tower(self.net, heads)
         if len(self.groups) == 1:
             ((name, _),) = self.groups
             return tower.apply({"params": params[name]}, features, memory, begins)

@@ -75,7 +75,9 @@ def _close_door(env: Environment, state: State, key: jax.Array) -> Any:
 
 def _can_close_doors(env: Environment) -> None:
     if find(env, GrabObjects) is None or find(env, LockObjects) is None or "box" not in env.base.modules:
-        raise ValueError("close_door: got a game without boxes that can be grabbed and locked; takes the quadrant games")
+        raise ValueError(
+            "close_door: got a game without boxes that can be grabbed and locked; takes the quadrant games"
+        )
 
 
 SCRIPTED: dict[str, Scripted] = {

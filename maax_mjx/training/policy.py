@@ -20,7 +20,8 @@ from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.parallel.saved import plain_config
-from maax_mjx.tasks import make
+from maax_mjx.tasks import config_of, make
+from maax_mjx.tasks.config import from_plain
 from maax_mjx.training.actions import Head, mode, sample
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Network, Weights
@@ -99,8 +100,8 @@ class Policy:
         """
         if self.game is None:
             raise ValueError("make_env: got a policy of an environment of one's own; takes one of a registered game")
-        config = {name: _as_tuples(value) for name, value in self.game["config"].items()}
-        return make(self.game["game"], **(config | overrides))
+        fields = from_plain(type(config_of(self.game["game"])), self.game["config"])
+        return make(self.game["game"], **(fields | overrides))
 
     def on(self, env: Environment) -> Policy:
         """Returns the policy as it plays another environment, with the same columns and actions.
@@ -151,7 +152,9 @@ class Policy:
             raise ValueError(f"path: got {path}, which is not there; {takes}") from None
         # Damaged bytes make msgpack and JSON raise errors of many kinds.
         except Exception as error:
-            raise ValueError(f"path: got {path}, which is no policy, or damaged ({short(str(error))}); {takes}") from None
+            raise ValueError(
+                f"path: got {path}, which is no policy, or damaged ({short(str(error))}); {takes}"
+            ) from None
         if header["format"] != FORMAT:
             raise ValueError(f"path: got {path} of format {header['format']}; takes format {FORMAT}")
         return cls(network, weights, header["game"], header["steps"])
@@ -178,8 +181,8 @@ def check_fits(mine: Network, other: Network) -> None:
         ours, theirs = (next((h for h in of.heads if h.name == name), None) for of in (mine, other))
         if ours is None or theirs is None or not _alike(ours, theirs):
             raise ValueError(
-                f"policy: it decides {_choices(ours)} of {name!r}, and env has {_choices(theirs)}; takes an environment "
-                "with the same actions"
+                f"policy: it decides {_choices(ours)} of {name!r}, and env has {_choices(theirs)}; takes an "
+                "environment with the same actions"
             )
     if [name for name, _ in mine.groups] != [name for name, _ in other.groups]:
         raise ValueError(
@@ -204,7 +207,7 @@ def _choices(head: Head | None) -> str:
 
 
 def game_of(env: Environment) -> dict[str, Any] | None:
-    """Returns name and config of the game that an environment is, as JSON takes them; None if it was not made by name."""
+    """Returns name and config of an environment's game, as JSON takes them; None if it was not made by name."""
     made = env.made_from
     return None if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
 
@@ -258,5 +261,3 @@ def check_policy(policy: Any) -> Policy:
     if not isinstance(policy, Policy):
         raise ValueError(f"policy: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
     return policy
-
-

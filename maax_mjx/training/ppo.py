@@ -72,7 +72,8 @@ def rows_of(batch: Batch, before: Memory, advantage: jax.Array, target: jax.Arra
         x = jnp.moveaxis(x, 2, 0)
         return x.reshape(n_worlds * (n_steps // chunk), chunk, *x.shape[3:])
 
-    first = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:]), before)
+    n_rows = batch.begins.size // chunk
+    first = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(n_rows, *x.shape[2:]), before)
     return jax.tree.map(cut, steps).replace(memory=first)
 
 

@@ -11,20 +11,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.checks import LONG, check_count
-from maax_mjx.benchmarks.record import conditions
 from maax_mjx.common.annotated import Positive, check_value
+from maax_mjx.common.checks import LONG, check_count
+from maax_mjx.common.conditions import conditions
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import field_names
 from maax_mjx.training.collect import Remembered
-from maax_mjx.training.config import TrainConfig, check_divides, preset as preset_of
+from maax_mjx.training.config import TrainConfig, check_divides
+from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.curves import draw_curves
 from maax_mjx.training.folder import CURVES, POLICY, SAVES, Folder, settings_of
 from maax_mjx.training.league import League
-from maax_mjx.training.learner import Learner, compile_iteration, new_learner
+from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import Policy, check_fits, check_policy, game_of
 
@@ -147,6 +148,7 @@ class Trainer:
         self.memory: Any = None
         about = {
             "game": game_of(self.env),
+            "preset": preset,
             "columns": {name: list(columns) for name, columns in self.network.spec.columns().items()},
             "net": settings_of(self.config)["net"],
             "seed": seed,
@@ -182,7 +184,6 @@ class Trainer:
             check_count("steps", steps, minimum=1, maximum=LONG)
         if minutes is None and steps is None and on_iteration is None:
             raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
-        per_iteration = self.config.worlds * self.config.ppo.unroll
         progress, begun, saved, drawn = None, self.seconds, time.perf_counter(), 0.0
         try:
             while (minutes is None or self.seconds - begun < 60 * minutes) and (steps is None or self.steps < steps):

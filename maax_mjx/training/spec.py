@@ -170,7 +170,7 @@ def spec_of(env: Environment) -> Spec:
             continue
         if one.critic:
             # Masks of what a team sees stand in for those of what an agent sees.
-            if not name.removeprefix("team_") in masks:
+            if name.removeprefix("team_") not in masks:
                 critic.append(_part(name, one, shape[1:]))
         elif one.axes == (AGENT,):
             own.append(_part(name, one, shape[1:]))

@@ -16,6 +16,7 @@ from maax_mjx import benchmarks
 from maax_mjx.benchmarks import plots, record
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
+from maax_mjx.common.conditions import commit, conditions
 
 
 @dataclass
@@ -61,14 +62,14 @@ def test_rows_keep_the_run_that_measured_them(tmp_path):
     for row in rows:
         assert list(row) == ["number", "result", "measured"], "figures come first"
         assert row["measured"]["date"] == date.today().isoformat()
-        assert row["measured"]["commit"] == record.commit()
+        assert row["measured"]["commit"] == commit()
 
 
 def test_rows_from_before_that_are_kept_as_they_are(tmp_path):
     """Nothing is invented about them when a later run adds rows."""
     path = tmp_path / "count.json"
-    conditions = {name: value for name, value in record.conditions().items() if name != "commit"}
-    old = {"conditions": conditions, "config": "Config(...)", "rows": [{"number": 1, "result": 10}]}
+    known = {name: value for name, value in conditions().items() if name != "commit"}
+    old = {"conditions": known, "config": "Config(...)", "rows": [{"number": 1, "result": 10}]}
     path.write_text(json.dumps(old))
     COUNT.main(Config(out=path))
     first, second = rows_of(path)
@@ -108,29 +109,29 @@ def checkout(tmp_path, monkeypatch):
     git(tmp_path, "init", "-q", str(root))
     git(root, "add", ".")
     git(root, "commit", "-q", "-m", "x")
-    record.commit.cache_clear()
+    commit.cache_clear()
     yield root
-    record.commit.cache_clear()
+    commit.cache_clear()
 
 
 def test_commit(checkout):
     head = git(checkout, "rev-parse", "HEAD")
     # Results change as they are measured, which does not change what is measured.
     (checkout / "docs/results/a.json").write_text("2\n")
-    assert record.commit(checkout) == head
+    assert commit(checkout) == head
 
 
 @pytest.mark.parametrize("file", ["maax_mjx/code.py", "maax_mjx/untracked.py"])
 def test_commit_with_other_code(file, checkout):
     (checkout / file).write_text("2\n")
-    assert record.commit(checkout) == f"{git(checkout, 'rev-parse', 'HEAD')}-dirty"
+    assert commit(checkout) == f"{git(checkout, 'rev-parse', 'HEAD')}-dirty"
 
 
 def test_no_commit_outside_a_checkout(checkout):
     """Where the package is installed inside somebody else's repository, that one's commit says nothing."""
     installed = checkout / "venv" / "site-packages"
     installed.mkdir(parents=True)
-    assert record.commit(installed) is None
+    assert commit(installed) is None
 
 
 def test_benchmarks_are_listed_with_what_they_are():

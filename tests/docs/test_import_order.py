@@ -14,6 +14,7 @@ FLOORS = (
     {"parallel"},
     {"wrappers"},
     {"tasks"},
+    {"training"},
     {"viewer", "benchmarks"},
     {"cli"},
 )

@@ -1,0 +1,57 @@
+"""`maax-mjx evaluate`: a policy against scripted agents, other policies and its own past."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import tyro
+
+from maax_mjx import training
+from maax_mjx.cli.interrupt import Interrupt
+from maax_mjx.cli.options import Seed, names, values_of
+from maax_mjx.common.annotated import PositiveCount, check_fields
+from maax_mjx.physics import impls
+
+
+@dataclass
+class Evaluate:
+    """Plays a policy as each team against each opponent, and prints returns and shares won with 95 % intervals.
+
+    Fields of the game's config are changed as in --env.n_boxes 3.
+    """
+
+    policy: tyro.conf.Positional[str]
+    """A policy's file, or the folder of a run."""
+    against: tuple[str, ...] = ("random",)
+    """Opponents: random, still, chase, close_door, self, files, folders, or a run's past as in runs/x@50M."""
+    episodes: PositiveCount = 1024
+    """Episodes of every match, each in a world of its own."""
+    seed: Seed = 0
+    """Seed of the worlds and the actions."""
+    impl: names(impls()) = "auto"  # type: ignore[valid-type]
+    """Physics engine."""
+    json: bool = False
+    """Whether to print the result as JSON."""
+
+
+def evaluate(args: Evaluate, overrides: Mapping[str, str]) -> None:
+    """Runs the command.
+
+    Args:
+        args: the options.
+        overrides: values of the game's config fields, as texts.
+
+    Raises:
+        ValueError: what `training.evaluate` refuses.
+    """
+    check_fields(args)
+    policy = training.player_of("policy", args.policy)
+    if not isinstance(policy, training.Policy):
+        raise ValueError(f"policy: got the scripted {args.policy!r}; takes a file or the folder of a run")
+    with Interrupt():
+        fields = values_of(policy.game["game"], overrides) if policy.game else {}
+        env = policy.make_env(impl=args.impl, **fields)
+        found = training.evaluate(policy, args.against, args.episodes, env, seed=args.seed)
+    print(json.dumps(training.as_json(found), indent=1) if args.json else found, flush=True)

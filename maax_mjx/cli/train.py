@@ -1,0 +1,180 @@
+"""`maax-mjx train`: agents that learn a game against each other, in a folder that a later call goes on in."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import tyro
+
+import maax_mjx as maax
+from maax_mjx import training
+from maax_mjx.cli.interrupt import Interrupt
+from maax_mjx.cli.options import Seed, names, report, value_of, values_of
+from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
+from maax_mjx.common.progress import progress
+from maax_mjx.common.whole import whole
+from maax_mjx.tasks.config import from_plain
+from maax_mjx.training.folder import RUN, Folder
+
+REPLAY = "replay.html"
+SHOWN = 2
+"""Worlds in the replay."""
+
+
+@dataclass
+class Train:
+    """Trains agents of all teams of a game against each other (PPO), and writes everything to a folder.
+
+    The same command goes on where the run was; so does `maax-mjx train FOLDER`. Fields of the game's config are set as
+    in --env.n_boxes 2, settings of the training as in --ppo.lr 3e-4 --net.core gru --league.share 0.1. In the folder:
+    run.json, metrics.jsonl, curves.png, the newest policy, past ones, saves, and replay.html (with the extra "viewer").
+    """
+
+    game: tyro.conf.Positional[str]
+    """Name of a game, or the folder of a run to go on with."""
+    preset: names(training.PRESETS) | None = None  # type: ignore[valid-type]
+    """Settings to start from; by default "laptop" on a CPU and "gpu" elsewhere."""
+    worlds: PositiveCount | None = None
+    """Number of worlds on all devices together; by default the preset's."""
+    minutes: Positive | None = None
+    """Minutes of training in this call, compilation not included."""
+    steps: PositiveCount | None = None
+    """Env steps of the whole run."""
+    out: Path | None = None
+    """Folder of the run; by default runs/GAME."""
+    seed: Seed = 0
+    """Seed of the worlds, the networks and all draws."""
+    begin_from: Path | None = None
+    """A policy that a new run begins with, also of another game with the same columns."""
+    devices: str = "all"
+    """How many devices, or all."""
+    json: bool = False
+    """Whether to print the result as JSON; progress goes to stderr."""
+    settings: tyro.conf.Suppress[dict[str, str]] = field(default_factory=dict)
+
+
+def train(args: Train, env: Mapping[str, str]) -> None:
+    """Runs the command.
+
+    Args:
+        args: the options.
+        env: values of the game's config fields, as texts.
+
+    Raises:
+        ValueError: what `training.train` refuses.
+        KeyboardInterrupt: after Ctrl-C, once everything is written.
+    """
+    check_fields(args)
+    args, fields = _went_on(args, env)
+    with Interrupt() as interrupt:
+        bar = progress(total=None, unit="step", desc="compiling", unit_scale=True, mininterval=0.5)
+        trainer = training.Trainer(
+            args.game,
+            args.out or Path("runs") / args.game,
+            args.preset or default_preset(),
+            args.worlds,
+            devices=int(args.devices) if args.devices.isdigit() else args.devices,
+            seed=args.seed,
+            begin_from=None if args.begin_from is None else training.Policy.load(args.begin_from),
+            env=fields,
+            **{name: value_of(text) for name, text in args.settings.items()},
+        )
+        bar.total = args.steps
+        bar.update(trainer.steps)
+        clock = time.perf_counter()
+
+        def on_iteration(now: training.Progress) -> bool:
+            interrupt.keep()
+            bar.set_description_str(f"{trainer.config.worlds} worlds")
+            bar.set_postfix_str(_words(now, args.minutes, clock))
+            bar.update(now.steps - bar.n)
+            return not interrupt.asked
+
+        with bar:
+            run = trainer.run(args.minutes or (None if args.steps else 10.0), args.steps, on_iteration)
+        files = _replay(trainer, run)
+    result = _result(run, files)
+    report(result, args.json, "\n".join(f"  {name:15} {value}" for name, value in result.items()))
+    if interrupt.asked:
+        raise KeyboardInterrupt
+
+
+def default_preset() -> str:
+    """The preset for this machine."""
+    return "laptop" if jax.default_backend() == "cpu" else "gpu"
+
+
+def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]]:
+    """Returns the options and the game's fields, which are those of the run where a folder is given.
+
+    Raises:
+        ValueError: neither a game nor the folder of a run, or fields of the game with a folder.
+    """
+    if args.game in maax.tasks() or not (Path(args.game) / RUN).exists():
+        return args, values_of(args.game, env)
+    if env:
+        raise ValueError(f"--env.{next(iter(env))}: got it with the folder of a run; takes it with a new run")
+    about = Folder(args.game).about()
+    game, settings = about["game"], about["settings"]
+    if game is None:
+        raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
+    was = {
+        f"{group}.{name}": str(value) for group in ("ppo", "net", "league") for name, value in settings[group].items()
+    }
+    gone_on = replace(
+        args,
+        game=game["game"],
+        out=Path(args.game),
+        seed=about["seed"],
+        preset=args.preset or about["preset"],
+        worlds=args.worlds or settings["worlds"],
+        settings=was | args.settings,
+    )
+    return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
+
+
+def _words(now: training.Progress, minutes: float | None, clock: float) -> str:
+    """The end of the bar: speed, score, divergence, what is left."""
+    numbers = now.metrics
+    words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
+    if numbers.get("episodes") and "episode_caught" in numbers:
+        words.append(f"caught {numbers['episode_caught']:.2f}")
+    words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in numbers.items() if name.startswith("return_")]
+    if minutes is not None:
+        words.append(f"{max(0.0, minutes - (time.perf_counter() - clock) / 60):.1f} min left")
+    return ", ".join(words)
+
+
+def _replay(trainer: training.Trainer, run: training.Run) -> list[str]:
+    """Writes a page of the latest play; nothing without the extra."""
+    env = trainer.env
+    worlds = maax.Worlds(env, SHOWN)
+    states = worlds.reset(jax.random.key(trainer.steps))
+    _, recording = maax.record(worlds, states, run.policy, env.base.horizon - 1, show=list(range(SHOWN)))
+    try:
+        with whole(run.folder / REPLAY) as part:
+            maax.replay(env, recording, part)
+    except maax.MissingLibraryError:
+        return []
+    return [REPLAY]
+
+
+def _result(run: training.Run, files: list[str]) -> dict[str, Any]:
+    now = run.progress
+    if now is None:
+        return {"folder": str(run.folder), "steps": run.policy.steps}
+    means = {name: round(x, 3) for name, x in now.metrics.items() if name.startswith(("return_", "episode_caught"))}
+    return {
+        "folder": str(run.folder),
+        "iterations": now.iteration,
+        "steps": now.steps,
+        "minutes": round(now.seconds / 60, 2),
+        "env_steps_per_s": round(now.metrics.get("env_steps_per_s", 0)),
+        **means,
+        "files": ", ".join(["run.json", "metrics.jsonl", "curves.png", "policy", *files]),
+    }

@@ -1,0 +1,154 @@
+"""Iterations of training on tiny games: what was played is what is learnt from, and it is learnt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import seeds
+from helpers.toys import echo
+
+import maax_mjx as maax
+from maax_mjx.training import NetConfig, PPOConfig, TrainConfig
+from maax_mjx.training.actions import log_prob
+from maax_mjx.training.collect import Remembered, collect
+from maax_mjx.training.league import League
+from maax_mjx.training.learner import compile_iteration, new_learner
+from maax_mjx.training.network import Network
+from maax_mjx.training.ppo import Updates, optimiser, rows_of, update
+
+N = 64
+SMALL = {"width": 16, "hidden": 16, "heads": 2}
+PPO = PPOConfig(unroll=8, chunk=4, epochs=2, minibatches=2, lr=3e-3, gamma=0.9, stop_kl=None)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    return maax.Worlds(echo(), N, donate=False)
+
+
+@pytest.fixture(scope="module")
+def start(worlds):
+    return worlds.reset(seeds.key(0), stagger=True)
+
+
+def settings(core="lstm", **ppo):
+    return TrainConfig(worlds=N, net=NetConfig(core=core, **SMALL), ppo=replace(PPO, **ppo))
+
+
+def learn(worlds, start, config, iterations, opponents=None, seed=0):
+    """The metrics of every iteration, and the learner after the last."""
+    network = Network.of(worlds.env, config.net)
+    learner = new_learner(network.draw(seeds.key(seed)), config)
+    iterate = compile_iteration(worlds, network, config)
+    states = jax.tree.map(jnp.copy, start)
+    memory = Remembered(network.memory(N), () if opponents is None else opponents.memory(network, N))
+    rows = []
+    for i in range(iterations):
+        key = jax.random.fold_in(seeds.key(seed + 1), i)
+        learner, states, memory, metrics = iterate(learner, opponents, key, states, memory)
+        rows.append({name: float(x) for name, x in metrics.items()})
+    return rows, learner
+
+
+@pytest.fixture(scope="module")
+def played(worlds, start):
+    """A network, its weights, what it played, and the memories before every chunk."""
+    network = Network.of(worlds.env, NetConfig(core="lstm", **SMALL))
+    weights = network.draw(seeds.key(3))
+    # Last layers begin near zero, where every action is as likely as another.
+    weights = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(seeds.key(4), x.shape), weights)
+    play = jax.jit(partial(collect, worlds.env, network, ppo=PPO))
+    memory = Remembered(network.memory(N), ())
+    _, _, batch, before = play(weights, None, jnp.arange(N), start, memory, seeds.key(5))
+    return network, weights, batch, before
+
+
+def test_before_the_first_update_the_ratio_is_one(played):
+    """What the update computes from chunks are the numbers with which the actions were drawn."""
+    network, weights, batch, before = played
+    rows = rows_of(batch, before, batch.reward, batch.value, PPO.chunk)
+    features, begins, action, chances, values = jax.tree.map(
+        lambda x: jnp.swapaxes(x, 0, 1), (rows.features, rows.begins, rows.action, rows.log_prob, rows.target)
+    )
+    out, _ = network.actor(weights, features, rows.memory.actor, begins)
+    value, _ = network.critic(weights, features, rows.memory.critic, begins)
+    np.testing.assert_allclose(jnp.exp(log_prob(network.heads, out, action) - chances), 1.0, atol=1e-5)
+    np.testing.assert_allclose(value, values, atol=1e-5)
+    assert float(jnp.std(chances)) > 0.1, "actions differ in how likely they are"
+
+
+def test_rows_are_of_one_world_in_a_row(played):
+    _, _, batch, before = played
+    world = jnp.broadcast_to(jnp.arange(N, dtype=jnp.float32)[:, None], batch.reward.shape)
+    step = jnp.broadcast_to(jnp.arange(8.0)[:, None, None], batch.reward.shape)
+    rows = rows_of(batch, before, world, step, PPO.chunk)
+    assert (rows.advantage == rows.advantage[:, :1]).all()
+    np.testing.assert_array_equal(rows.advantage[:, 0, 0], np.repeat(np.arange(N), 2))
+    np.testing.assert_array_equal(rows.target[:, :, 0], np.tile(np.arange(8.0).reshape(2, 4), (N, 1)))
+
+
+def test_only_who_remembers_learns_to_echo(worlds, start):
+    with_memory, _ = learn(worlds, start, settings("lstm"), 60)
+    without, _ = learn(worlds, start, settings("none"), 60)
+    last = [np.mean([row["return_hiders"] + row["return_seekers"] for row in rows[-5:]]) / 2 for rows in
+            (with_memory, without)]  # fmt: skip
+    assert last[0] > 0.9, "the sign was remembered"
+    assert abs(last[1]) < 0.3, "by chance"
+
+
+def test_opponents_get_no_gradient_and_play_their_own_policy(worlds, start):
+    """With every world against past opponents, a team's parameters learn from its own steps alone."""
+    config = TrainConfig(worlds=N, net=NetConfig(core="none", share="team", **SMALL), ppo=PPO)
+    network = Network.of(worlds.env, config.net)
+    league = League(keep=2)
+    league.add(network.draw(seeds.key(9)))
+    # In block 0 the opponent plays the first team, in block 1 the second; with one block, the first alone.
+    opponents = league.draw(0, groups=1, share=1.0)
+    first = jax.device_get(network.draw(seeds.key(0)))
+    rows, learner = learn(worlds, start, config, 2, opponents)
+    frozen, learnt = network.teams[0][0], network.teams[1][0]
+    for before, after in ((first.actor, learner.weights.actor), (first.critic, learner.weights.critic)):
+        kept = jax.tree.map(lambda a, b: bool((a == b).all()), before[frozen], after[frozen])
+        value = kept.pop("value", True)
+        assert all(jax.tree.leaves(kept)), "but for the rescaled last layer of the critic"
+        assert value is True or not all(jax.tree.leaves(value))
+        changed = jax.tree.map(lambda a, b: bool((a != b).any()), before[learnt], after[learnt])
+        assert any(jax.tree.leaves(changed))
+    assert rows[0]["episodes"] > 0
+
+
+def test_an_update_that_is_not_finite_is_skipped_and_counted(played):
+    network, weights, batch, before = played
+    rows = rows_of(batch, before, batch.reward, batch.value, PPO.chunk)
+    bad = rows.replace(advantage=rows.advantage.at[0, 0, 0].set(jnp.nan))
+    moments = optimiser(PPO).init({"actor": weights.actor, "critic": weights.critic})
+    now = Updates(weights, moments, jnp.zeros((), bool), jnp.zeros((), jnp.int32))
+    make = jax.jit(lambda now, rows: update(now, network, PPO, jax.tree.map(lambda x: x[None], rows), lambda x: x))
+    after, info = make(now, bad)
+    assert float(info["broken"]) == 1
+    assert int(after.broken) == 1
+    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), (weights, moments), (after.weights, after.moments)))
+    again, info = make(after, rows)
+    assert float(info["broken"]) == 0
+    assert int(again.broken) == 0
+    assert not jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), weights, again.weights))
+
+
+def test_microbatches_change_nothing(played):
+    network, weights, batch, before = played
+    rows = rows_of(batch, before, batch.reward, batch.value, PPO.chunk)
+    moments = optimiser(PPO).init({"actor": weights.actor, "critic": weights.critic})
+    now = Updates(weights, moments, jnp.zeros((), bool), jnp.zeros((), jnp.int32))
+    parts = [
+        jax.jit(lambda now, rows: update(now, network, PPO, rows, lambda x: x))(
+            now, jax.tree.map(lambda x, n=n: x.reshape(n, len(x) // n, *x.shape[1:]), rows)
+        )[1]
+        for n in (1, 4)
+    ]
+    for name in parts[0]:
+        np.testing.assert_allclose(parts[0][name], parts[1][name], rtol=1e-4, atol=1e-5, err_msg=name)

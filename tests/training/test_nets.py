@@ -1,0 +1,189 @@
+"""Networks: what they may know, what they remember, and the published one's size."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import seeds
+
+from maax_mjx.training.actions import Head
+from maax_mjx.training.config import NetConfig
+from maax_mjx.training.network import Network
+from maax_mjx.training.spec import Features, Kind, Part, Spec
+
+T, N, A = 6, 3, 4
+ENCODERS, CORES = ("flat", "pool", "attend"), ("none", "gru", "lstm")
+HEADS = (Head("lock", 5, 2, (5,), (("box", 3), ("ramp", 2))), Head("move", 3, 11, (3,)), Head("turn", 1, 0, (1,)))
+
+
+def part(name, n, axes=1):
+    return Part(name, axes, tuple(f"{name} {i}" for i in range(n)), (1.0,) * n, (False,) * n)
+
+
+SPEC = Spec(
+    own=(part("self", 4),),
+    rays=(part("lidar", 1),),
+    critic=(part("time", 2),),
+    kinds=(
+        Kind("other", 3, (part("others", 5),), None, None, None),
+        Kind("box", 3, (part("boxes", 6),), None, None, None),
+        Kind("ramp", 2, (part("ramps", 3),), None, None, None),
+    ),
+    n_rays=8,
+)
+TEAMS = (("hiders", (0, 2)), ("seekers", (1, 3)))
+
+
+def network(encoder="pool", core="lstm", share="all", norm="scales"):
+    net = NetConfig(encoder=encoder, core=core, share=share, norm=norm, width=16, heads=4, hidden=16)
+    return Network(SPEC, HEADS, net, TEAMS)
+
+
+def draw_features(seed=0):
+    rng, shapes = seeds.rng(seed), SPEC.shapes(A)
+
+    def one(x):
+        shape = (T, N, *x.shape)
+        return jnp.asarray(rng.random(shape) < 0.5 if x.dtype == bool else rng.normal(size=shape), x.dtype)
+
+    features = jax.tree.map(one, shapes)
+    # What is seen is there.
+    return features.replace(seen={k: x & features.known[k] for k, x in features.seen.items()})
+
+
+def loud(weights, seed=1):
+    """Weights of some size everywhere: last layers begin near zero, where nothing could be told apart."""
+    rng = seeds.rng(seed)
+    return jax.tree.map(lambda x: x + jnp.asarray(rng.normal(size=x.shape) * 0.3, x.dtype), weights)
+
+
+def begins(*at):
+    return jnp.zeros((T, N), bool).at[tuple(zip(*at, strict=True))].set(True) if at else jnp.zeros((T, N), bool)
+
+
+def both(net, weights, features, memory=None, begun=None):
+    memory = net.memory(N) if memory is None else memory
+    begun = begins() if begun is None else begun
+    out, actor = net.actor(weights, features, memory.actor, begun)
+    value, critic = net.critic(weights, features, memory.critic, begun)
+    return (out, value), (actor, critic)
+
+
+def assert_close(a, b, atol=1e-5):
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=atol), a, b)
+
+
+@pytest.mark.parametrize("share", ["all", "team"])
+@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_in_chunks_or_at_once_is_the_same(encoder, core, share):
+    net, features, begun = network(encoder, core, share), draw_features(), begins((0, 1), (2, 0), (4, 1), (4, 2))
+    weights = loud(net.draw(seeds.key(0)))
+    whole, after = both(net, weights, features, begun=begun)
+    memory, parts = net.memory(N), []
+    for t in range(0, T, 2):
+        cut = jax.tree.map(lambda x, t=t: x[t : t + 2], features)
+        found, (actor, critic) = both(net, weights, cut, memory, begun[t : t + 2])
+        memory = memory.replace(actor=actor, critic=critic)
+        parts.append(found)
+    assert_close(whole, jax.tree.map(lambda *x: jnp.concatenate(x), *parts))
+    assert_close(after, (memory.actor, memory.critic))
+
+
+@pytest.mark.parametrize("core", ["gru", "lstm"])
+def test_memory_is_zeroed_where_an_episode_begins_and_nowhere_else(core):
+    net, features = network("pool", core), draw_features()
+    weights = loud(net.draw(seeds.key(0)))
+    fresh = jax.tree.map(lambda x: x[3:], features)
+    (begun, _), _ = both(net, weights, features, begun=begins((3, 1)))
+    (plain, _), _ = both(net, weights, features)
+    (alone, _), _ = both(net, weights, fresh, begun=jnp.zeros((T - 3, N), bool))
+    for name in begun:
+        # The world whose episode begins is as if nothing had been before; the others go on.
+        np.testing.assert_allclose(begun[name][3:, 1], alone[name][:, 1], atol=1e-5)
+        np.testing.assert_array_equal(begun[name][:, [0, 2]], plain[name][:, [0, 2]])
+        np.testing.assert_array_equal(begun[name][:3], plain[name][:3])
+    assert not np.allclose(begun["move"][3:, 1], plain["move"][3:, 1], atol=1e-3), "it remembers"
+
+
+def unseen(features, seed=5):
+    """Features whose hidden entities are others, for actors and critics."""
+    other = draw_features(seed)
+    entities = {k: jnp.where(features.seen[k][..., None], x, other.entities[k]) for k, x in features.entities.items()}
+    absent = {k: jnp.where(features.known[k][..., None], x, other.entities[k]) for k, x in features.entities.items()}
+    return features.replace(entities=entities, critic=other.critic), features.replace(entities=absent)
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_policies_do_not_know_what_they_do_not_see(encoder):
+    net, features = network(encoder), draw_features()
+    weights = loud(net.draw(seeds.key(0)))
+    hidden, absent = unseen(features)
+    (out, value), _ = both(net, weights, features)
+    (out_hidden, value_hidden), _ = both(net, weights, hidden)
+    (_, value_absent), _ = both(net, weights, absent)
+    assert_close(out, out_hidden)
+    assert not np.allclose(value, value_hidden, atol=1e-3), "critics see all"
+    assert_close(value, value_absent)
+
+
+@pytest.mark.parametrize("encoder", ["pool", "attend"])
+def test_entities_of_a_kind_have_no_order(encoder):
+    net, features = network(encoder), draw_features()
+    weights = loud(net.draw(seeds.key(0)))
+    order = np.array([2, 0, 1])
+
+    def moved(tree, axis):
+        return tree | {"box": jnp.take(tree["box"], order, axis=axis)}
+
+    mixed = features.replace(
+        entities=moved(features.entities, -2), seen=moved(features.seen, -1), known=moved(features.known, -1)
+    )
+    (out, value), _ = both(net, weights, features)
+    (other, other_value), _ = both(net, weights, mixed)
+    assert_close((out["move"], value), (other["move"], other_value))
+    locks, other_locks = (x["lock"].reshape(T, N, A, 5, 2) for x in (out, other))
+    assert_close(locks[..., np.array([*order, 3, 4]), :], other_locks)
+    assert not np.allclose(locks[..., :3, :], other_locks[..., :3, :], atol=1e-3), "boxes differ"
+
+
+def test_teams_may_have_parameters_of_their_own():
+    net, features = network(share="team"), draw_features()
+    weights = loud(net.draw(seeds.key(0)))
+    assert set(weights.actor) == set(weights.critic) == {"hiders", "seekers"}
+    (out, _), _ = both(net, weights, features)
+    changed = weights.replace(actor=weights.actor | {"seekers": loud(weights.actor["seekers"], seed=2)})
+    (other, _), _ = both(net, changed, features)
+    np.testing.assert_array_equal(out["move"][:, :, [0, 2]], other["move"][:, :, [0, 2]])
+    assert not np.allclose(out["move"][:, :, [1, 3]], other["move"][:, :, [1, 3]], atol=1e-3)
+
+
+def test_the_published_network_has_as_many_parameters():
+    """Baker et al.'s 1.6 million, counted from the published shapes of the full game's observations and actions."""
+    kinds = (("other", 3, 10), ("box", 9, 15), ("ramp", 2, 15))
+    spec = Spec(
+        own=(part("self", 10),),
+        rays=(part("lidar", 1),),
+        critic=(),
+        kinds=tuple(Kind(name, n, (part(name, columns),), None, None, None) for name, n, columns in kinds),
+        n_rays=30,
+    )
+    heads = (Head("grab", 1, 2, ()), Head("lock", 1, 2, ()), Head("move", 3, 11, (3,)))
+    net = Network(spec, heads, NetConfig(encoder="attend", core="lstm"), TEAMS)
+    weights = jax.eval_shape(net.draw, jax.random.key(0))
+    sizes = [sum(x.size for x in jax.tree.leaves(tree)) for tree in (weights.actor, weights.critic)]
+    assert sizes == [817_737, 808_485]
+    assert sum(sizes) == 1_626_222
+
+
+def test_features_are_what_the_spec_says():
+    assert isinstance(SPEC.shapes(A), Features)
+    obs = {
+        "self": np.arange(16.0).reshape(A, 4), "lidar": np.ones((A, 8, 1)), "time": np.zeros((A, 2)),
+        "others": np.ones((A, 3, 5)), "boxes": np.ones((A, 3, 6)), "ramps": np.ones((A, 2, 3)),
+    }  # fmt: skip
+    features = SPEC.features({name: jnp.asarray(x) for name, x in obs.items()})
+    wanted = SPEC.shapes(A)
+    assert jax.tree.map(lambda x: (x.shape, x.dtype), features) == jax.tree.map(lambda x: (x.shape, x.dtype), wanted)
