@@ -14,7 +14,6 @@ from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.fields import Fields, Overlay
-from maax_mjx.physics.kinematics import UprightKinematics
 
 
 def put_on_host(tree: Any) -> Any:
@@ -52,7 +51,6 @@ class MjxModel:
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         self._overlay = overlay
-        self._upright = UprightKinematics(model, overlay) if UprightKinematics.applies(model, overlay) else None
         # May be reached for the first time inside a traced function: these arrays must not become tracers.
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
@@ -69,8 +67,6 @@ class MjxModel:
 
     def kinematics(self, fields: Fields, data: Data) -> Data:
         """The state with the poses that belong to its qpos."""
-        if self._upright is not None:
-            return self._upright(fields, data)
         d = mjx.kinematics(self.overlay(fields), self.data(state_of(data)))
         return data.replace(xpos=d.xpos, xquat=d.xquat, geom_xpos=d.geom_xpos, geom_xmat=d.geom_xmat)
 
@@ -80,20 +76,3 @@ class MjxModel:
         for stage in (mjx.kinematics, mjx.com_pos, mjx.com_vel):
             d = stage(model, d)
         return {"cvel": d.cvel, "cdof_dot": d.cdof_dot}
-
-    def rest(self, qpos: jax.Array) -> Data:
-        """The state at rest in a configuration (nq,), all forces and controls zero; poses are not computed."""
-        d = jax.tree.map(jnp.asarray, self._data)
-        return Data(
-            time=d.time,
-            qpos=qpos,
-            qvel=d.qvel,
-            ctrl=d.ctrl,
-            qacc_warmstart=d.qacc_warmstart,
-            eq_active=d.eq_active,
-            xfrc_applied=d.xfrc_applied,
-            xpos=d.xpos,
-            xquat=d.xquat,
-            geom_xpos=d.geom_xpos,
-            geom_xmat=d.geom_xmat,
-        )

@@ -85,7 +85,6 @@ def make_engine(
         MissingLibraryError: `jax` or `warp` where the installed MJX or Warp is not one that `mjx_internals` knows.
     """
     impl = best_impl() if check_impl(impl) == AUTO else impl
-    import_mjx()
     engine = _ENGINES[impl](model, overlay, contacts_per_world, n_equalities)
     if not isinstance(engine, Engine):
         raise ValueError(f"impl: the engine registered as {impl!r} is {described(engine)}; takes an Engine")
@@ -104,12 +103,14 @@ def _make_c(model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_
 
 
 def _make_jax(model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int) -> Engine:
+    import_mjx()
     from maax_mjx.physics.jax_engine import JaxEngine
 
     return JaxEngine(model, overlay, contacts_per_world)
 
 
 def _make_warp(model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int) -> Engine:
+    import_mjx()
     from maax_mjx.physics.warp_engine import WarpEngine
 
     return WarpEngine(model, overlay, contacts_per_world, n_equalities)

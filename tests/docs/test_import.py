@@ -21,6 +21,8 @@ assert not {"matplotlib", "viser", "av"} & set(sys.modules), "what only pictures
 assert not {"mujoco.mjx", "warp", "orbax.checkpoint"} & set(sys.modules), "what takes seconds was imported"
 print(jax.config.jax_compilation_cache_dir, file=sys.stderr)
 maax.make("standard", impl="c").engine
+assert not {"mujoco.mjx", "warp"} & set(sys.modules), "what the engine c does without was imported"
+maax.make("standard", impl="jax").engine
 """
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -70,6 +72,16 @@ def test_poses_are_current_and_those_of_mujoco(env_c, pushed):
             np.testing.assert_allclose(got, want, atol=2e-6, err_msg=name)
 
 
+def test_worlds_begin_at_the_rest_of_mjx(env_c):
+    """Field by field what `mjx.make_data` gives, which the engine `c` does not import."""
+    engine = env_c.engine
+    rest, wanted = engine._rest, engine.mjx.data({})
+    for name in (field.name for field in dataclasses.fields(rest) if field.name != "engine"):
+        mine, theirs = getattr(rest, name), getattr(wanted, name)
+        assert mine.dtype == theirs.dtype, name
+        np.testing.assert_array_equal(mine, np.zeros_like(theirs) if name == "qpos" else theirs, err_msg=name)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_own_kinematics_equal_those_of_mjx(free):
@@ -81,7 +93,7 @@ def test_own_kinematics_equal_those_of_mjx(free):
     state = jax.jit(env.reset)(seeds.key(0))
     qpos = np.array(state.data.qpos)
     qpos += seeds.rng(0).normal(size=qpos.shape).astype(np.float32)
-    data = env.engine.mjx.kinematics(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
+    data = env.engine.pose(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
     model, truth = in_plain_mujoco(env, state, None)
     truth.qpos[:] = qpos
     mujoco.mj_kinematics(model, truth)
