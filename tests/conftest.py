@@ -22,7 +22,7 @@ import pytest
 from hypothesis import settings
 
 # Tracing makes many small objects, which live on: looking for garbage among them took a tenth of the time.
-gc.set_threshold(100_000, 20, 100)
+gc.set_threshold(50_000, 10, 10)
 settings.register_profile("maax", deadline=None, max_examples=25)
 settings.load_profile("maax")
 

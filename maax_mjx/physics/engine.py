@@ -68,7 +68,8 @@ class Engine(ABC):
 
     def init(self, fields: Fields, qpos: jax.Array) -> Data:
         """The state of a world at rest at `qpos` (nq,), everything else reset."""
-        data = self.pose(fields, jax.tree.map(jnp.asarray, self._rest).replace(qpos=qpos))
+        rest = jax.tree.map(lambda x: jnp.asarray(x, bool if x.dtype == bool else qpos.dtype), self._rest)
+        data = self.pose(fields, rest.replace(qpos=qpos))
         return data.replace(engine=self.carry(data))
 
     def carry(self, data: Data) -> Any:

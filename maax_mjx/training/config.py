@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import gcd
 from typing import Annotated, Any
 
 from maax_mjx.common.annotated import Bounds, Fraction, OneOf, Positive, PositiveCount
@@ -52,11 +53,6 @@ class PPOConfig(Config):
     stop_kl: Positive | None = 0.05
     bootstrap: Annotated[str, OneOf(("end", "horizon"))] = "end"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.unroll % self.chunk:
-            raise ValueError(f"ppo.chunk: got {self.chunk}; takes a divisor of ppo.unroll, {self.unroll}")
-
 
 @dataclass(frozen=True)
 class NetConfig(Config):
@@ -82,11 +78,6 @@ class NetConfig(Config):
     share: Annotated[str, OneOf(("all", "team"))] = "all"
     norm: Annotated[str, OneOf(("scales", "running"))] = "scales"
     compute: Annotated[str, OneOf(("float32", "bfloat16"))] = "float32"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.width % self.heads:
-            raise ValueError(f"net.heads: got {self.heads}; takes a divisor of net.width, {self.width}")
 
 
 @dataclass(frozen=True)
@@ -160,11 +151,15 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
     """Returns how many groups of worlds are shuffled apart, so that minibatches are alike on any number of devices.
 
     Raises:
-        ValueError: worlds that do not fall into equal minibatches on all devices.
+        ValueError: numbers that do not divide what they must: chunks, heads, and worlds that do not fall into equal
+            minibatches on all devices.
     """
-    from math import gcd
-
-    ppo, rows = config.ppo, config.worlds * (config.ppo.unroll // config.ppo.chunk)
+    ppo, net = config.ppo, config.net
+    if ppo.unroll % ppo.chunk:
+        raise ValueError(f"ppo.chunk: got {ppo.chunk}; takes a divisor of ppo.unroll, {ppo.unroll}")
+    if net.width % net.heads:
+        raise ValueError(f"net.heads: got {net.heads}; takes a divisor of net.width, {net.width}")
+    rows = config.worlds * (ppo.unroll // ppo.chunk)
     parts = ppo.minibatches * ppo.microbatches
     each = n_devices * parts
     if config.worlds % n_devices:

@@ -208,7 +208,7 @@ def _choices(head: Head | None) -> str:
 
 def game_of(env: Environment) -> dict[str, Any] | None:
     """Returns name and config of an environment's game, as JSON takes them; None if it was not made by name."""
-    made = env.made_from
+    made = env.made
     return None if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
 
 

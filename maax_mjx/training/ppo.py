@@ -120,6 +120,10 @@ def optimiser(ppo: PPOConfig) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(ppo.max_grad), optax.adam(ppo.lr, eps=1e-5))
 
 
+def _norm(tree: Any) -> jax.Array:
+    return jnp.sqrt(sum(jnp.sum(x * x) for x in jax.tree.leaves(tree)))
+
+
 class Updates(struct.PyTreeNode):
     """What updates change.
 
@@ -180,8 +184,8 @@ def update(
     weights = now.weights.replace(**chosen(new, params))
     broken = jnp.where(now.stopped, now.broken, jnp.where(finite, 0, now.broken + 1))
     info |= {
-        "gradient": optax.global_norm(gradient),
-        "change": optax.global_norm(change) / optax.global_norm(params),
+        "gradient": _norm(gradient),
+        "change": _norm(change) / _norm(params),
         "taken": taken.astype(jnp.float32),
         "broken": (~finite).astype(jnp.float32),
     }

@@ -130,6 +130,7 @@ class Trainer:
         **overrides: Any,
     ):
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
+        check_divides(self.config, 1)
         seed = check_count("seed", seed, maximum=LONG)
         self.env = _environment(game, self.config, env)
         self.network = Network.of(self.env, self.config.net)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
 from gymnasium import spaces
@@ -9,7 +11,7 @@ from gymnasium import spaces
 import maax_mjx as maax
 from maax_mjx import Column, Observed
 
-QUIET = {"scenario": "empty", "outer": "none", "n_boxes": 0, "n_ramps": 0, "impl": "c", "n_frames": 1}
+QUIET = {"scenario": "empty", "outer": "none", "n_boxes": 0, "n_ramps": 0, "n_frames": 1}
 
 
 class Echo(maax.Wrapper):
@@ -42,7 +44,21 @@ class Echo(maax.Wrapper):
         return self.env.declared() | {"sign": Observed(("agent",), (Column("sign"),))}
 
 
-def echo(horizon=4):
+def echo(horizon=4, impl="c"):
     """The game of `Echo`, with two agents that only see the sign and themselves."""
-    env = maax.make("standard", n_hiders=1, n_seekers=1, horizon=horizon, **QUIET)
+    env = maax.make("standard", n_hiders=1, n_seekers=1, horizon=horizon, impl=impl, **QUIET)
     return maax.SplitObservations(Echo(env))
+
+
+@dataclass(frozen=True)
+class EchoConfig:
+    """Fields of the registered game "echo"."""
+
+    horizon: int = 4
+    impl: str = "c"
+
+
+def register():
+    """Gives the game of `Echo` its name, once."""
+    if "echo" not in maax.tasks():
+        maax.register("echo", lambda config: echo(config.horizon, config.impl), EchoConfig)

@@ -1,0 +1,176 @@
+"""Runs in folders: what is written, that they go on bit for bit, and that other runs are refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from helpers import toys
+
+import maax_mjx as maax
+from maax_mjx import training
+
+ROOT = Path(__file__).parents[2]
+SMALL = {
+    "net.width": 8, "net.hidden": 8, "net.heads": 2, "ppo.unroll": 4, "ppo.chunk": 2, "ppo.minibatches": 2,
+    "ppo.epochs": 1, "league.every": 2,
+}  # fmt: skip
+N, FEW = 8, 6
+PER_ITERATION = 4 * N
+
+CHILD = """
+import os, signal, sys
+sys.path.insert(0, "tests")
+from helpers import toys
+from maax_mjx import training
+def stop(now):
+    if now.iteration == {half}:
+        trainer.save()
+    if now.iteration > {half}:
+        os.kill(os.getpid(), signal.SIGKILL)
+trainer = training.Trainer(toys.echo(impl={impl!r}), {folder!r}, "laptop", {n}, **{small!r})
+trainer.run(on_iteration=stop)
+"""
+
+
+def trainer(folder, impl="c", **changed):
+    return training.Trainer(toys.echo(impl=impl), folder, "laptop", N, **(SMALL | changed))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of six iterations."""
+    folder = tmp_path_factory.mktemp("run") / "echo"
+    mine = trainer(folder)
+    seen = []
+    done = mine.run(steps=FEW * PER_ITERATION, on_iteration=lambda now: seen.append(now.iteration))
+    assert seen == list(range(1, FEW + 1))
+    return mine, done
+
+
+def test_the_folder_has_all_of_it(run):
+    _, done = run
+    about = json.loads((done.folder / "run.json").read_text())
+    assert about["settings"]["worlds"] == N
+    assert about["settings"]["ppo"]["unroll"] == 4
+    assert about["conditions"]["packages"]["jax"] == jax.__version__
+    rows = [json.loads(line) for line in (done.folder / "metrics.jsonl").read_text().splitlines()]
+    assert [row["steps"] for row in rows] == [PER_ITERATION * i for i in range(1, FEW + 1)]
+    assert {"return_hiders", "kl", "entropy_move", "explained_seekers", "faults"} <= set(rows[-1])
+    assert (done.folder / "curves.png").stat().st_size > 5000
+    # One before anything was learnt, and one every other iteration.
+    assert [int(x.name) for x in sorted((done.folder / "past").iterdir())] == [PER_ITERATION * i for i in (0, 2, 4, 6)]
+    assert done.policy.steps == training.Policy.load(done.folder).steps == FEW * PER_ITERATION
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("impl", ["c", "jax"])
+def test_a_killed_run_goes_on_bit_for_bit(impl, run, tmp_path):
+    """Killed after half of it, saved just before, and gone on in another process."""
+    if impl == "c":
+        whole = run[0]
+    else:
+        whole = trainer(tmp_path / "whole", impl)
+        whole.run(steps=FEW * PER_ITERATION)
+    code = CHILD.format(half=FEW // 2, impl=impl, folder=str(tmp_path / "cut"), n=N, small=SMALL)
+    killed = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert killed.returncode == -9, killed.stderr
+    again = trainer(tmp_path / "cut", impl)
+    assert again.iteration == FEW // 2
+    again.run(steps=FEW * PER_ITERATION)
+    for name in ("learner", "states", "memory"):
+        mine, theirs = getattr(whole, name), getattr(again, name)
+        for (path, a), b in zip(jax.tree.leaves_with_path(mine), jax.tree.leaves(theirs), strict=True):
+            if not jax.numpy.issubdtype(a.dtype, jax.dtypes.prng_key):
+                np.testing.assert_array_equal(a, b, err_msg=f"{name}{jax.tree_util.keystr(path)}")
+    rows = again.folder.rows()
+    assert [row["iteration"] for row in rows] == list(range(1, FEW + 1))
+
+
+def test_what_was_learnt_travels_without_its_worlds(run, tmp_path):
+    """With another number of worlds, the weights and the optimiser go on, in new worlds."""
+    folder = tmp_path / "copy"
+    shutil.copytree(run[1].folder, folder)
+    shutil.rmtree(folder / "saves")
+    assert all(file.stat().st_size < 16e6 for file in (folder / "learner").iterdir())
+    again = training.Trainer(toys.echo(), folder, "laptop", 2 * N, **SMALL)
+    assert again.steps == FEW * PER_ITERATION
+    for a, b in zip(jax.tree.leaves(run[0].learner), jax.tree.leaves(again.learner), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert len(again.states.step) == 2 * N
+
+
+def test_other_runs_are_refused(run, tmp_path):
+    folder = run[1].folder
+    with pytest.raises(ValueError, match=r"folder: got .* which has a run with net=.*takes that run's, or another"):
+        trainer(folder, **{"net.core": "gru"})
+    with pytest.raises(ValueError, match=r"folder: got .* which has a run with seed=0, not 1"):
+        training.Trainer(toys.echo(), folder, "laptop", N, seed=1, **SMALL)
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(ValueError, match="which has other files; takes an empty one, a new one, or a run's"):
+        trainer(tmp_path)
+    with pytest.raises(ValueError, match=r"ppo.minibatches: got 3 .*divides the 16 chunks"):
+        trainer(tmp_path / "a", **{"ppo.minibatches": 3})
+    with pytest.raises(ValueError, match=r"preset: got 'laptob'.*laptop"):
+        training.train(toys.echo(), tmp_path / "b", "laptob")
+    with pytest.raises(ValueError, match="minutes: got None and no steps; takes one of them"):
+        run[0].run()
+    with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment; takes fields only with a name"):
+        training.Trainer(toys.echo(), tmp_path / "c", env={"n_boxes": 2})
+    with pytest.raises(ValueError, match="which belongs to no agent; takes an environment whose agents observe"):
+        training.Trainer(maax.make("standard", impl="c"), tmp_path / "d", "laptop")
+
+
+def test_policies_play_wherever_policies_are_taken(run, tmp_path):
+    """In a file and out of it; in one piece and in two; alone and in a batch."""
+    path = tmp_path / "echo.policy"
+    run[1].policy.save(path)
+    policy = training.Policy.load(path)
+    for a, b in zip(jax.tree.leaves(run[1].policy.params), jax.tree.leaves(policy.params), strict=True):
+        np.testing.assert_array_equal(a, b)
+    env = toys.echo()
+    worlds = maax.Worlds(env, N, donate=False)
+    start, key = worlds.reset(jax.random.key(1)), jax.random.key(2)
+    _, kept = worlds.rollout(start, policy, 3, key=key, keep=("action",))
+    fitted = policy.on(env)
+    memory = fitted.memory(N)
+    _, by_hand = worlds.rollout(start, fitted.play, 3, fitted.params, key=key, keep=("action",), memory=memory)
+    for name in kept["action"]:
+        np.testing.assert_array_equal(kept["action"][name], by_hand["action"][name])
+    _, recording = maax.record(worlds, start, policy.greedy(), 3, show=[0], every=1)
+    assert len(recording.states.step) == 4
+
+
+def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
+    policy = run[1].policy
+    with pytest.raises(ValueError, match=r"policy: it reads 8 columns \(x, .*, and env has 10 columns \(ahead"):
+        policy.on(maax.make("tag", impl="c", observations="ego"))
+    with pytest.raises(ValueError, match="make_env: got a policy of an environment of one's own"):
+        policy.make_env()
+    (tmp_path / "noise").write_bytes(b"noise")
+    with pytest.raises(ValueError, match="which is no policy, or damaged"):
+        training.Policy.load(tmp_path / "noise")
+    with pytest.raises(ValueError, match="which is not there; takes a file"):
+        training.Policy.load(tmp_path / "nothing")
+
+
+def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
+    """Those who always say the same are right in half of the episodes, whoever plays the other team."""
+    env = toys.echo()
+    found = training.evaluate(run[1].policy, ["random", "self", f"{run[1].folder}@0"], episodes=64, env=env)
+    assert len(found.matches) == 6
+    for match in found.matches:
+        assert match.episodes == 64
+        assert abs(match.score.mean) <= 1
+        assert 0 < match.score.margin < 0.5
+    assert "random" in str(found)
+    with pytest.raises(ValueError, match=r"against: got 'chaes'.*chase"):
+        training.evaluate(run[1].policy, ["chaes"], env=env)
+    with pytest.raises(ValueError, match="got 'many' after the @; takes a number of steps, such as 50M"):
+        training.evaluate(run[1].policy, [f"{run[1].folder}@many"], env=env)
