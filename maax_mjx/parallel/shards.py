@@ -98,6 +98,15 @@ class Shards:
         mine = [i for i, d in enumerate(self.devices) if d.process_index == jax.process_index()]
         return jax.tree.map(lambda x: x.reshape(len(self.devices), self.per_device, *x.shape[1:])[mine], tree)
 
+    def replicate(self, tree: Any) -> Any:
+        """Puts arrays that all devices share, the same in every process, where a compiled program leaves its own."""
+        if self.method != "shard_map":
+            return jax.tree.map(lambda x: self.share(jnp.array(x)), tree)
+        everywhere = NamedSharding(self.mesh, P())
+        return jax.tree.map(
+            lambda x: jax.make_array_from_callback(x.shape, everywhere, np.asarray(x).__getitem__), tree
+        )
+
     def share(self, x: Any) -> Any:
         """Puts a host array or key, the same in every process, where all devices can read it."""
         if self.method == "jit":

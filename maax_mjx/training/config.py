@@ -122,8 +122,8 @@ PRESETS: dict[str, TrainConfig] = {
     "laptop": TrainConfig(
         worlds=32,
         save_minutes=1.0,
-        ppo=PPOConfig(unroll=40, chunk=20, epochs=4, minibatches=4, lr=1e-3),
-        net=NetConfig(width=64, hidden=64),
+        ppo=PPOConfig(unroll=40, chunk=20, epochs=3, minibatches=4, lr=1e-3),
+        net=NetConfig(width=32, hidden=64),
         env=EGO | {"impl": "c"},
     ),
     "baker": TrainConfig(

@@ -113,11 +113,13 @@ def _entities(
     """
     # A layer of the agent and an entity joined, of which the agent's part is the same for all entities of a kind.
     first = nn.relu(nn.Dense(net.width, name="embed own")(own)).astype(dtype)
+    # Published is what the agent observes; its embedding says as much, and is a quarter as wide.
+    joined = own if net.encoder == "attend" else first
     tokens = {}
     for kind, x in entities.items():
-        mine = nn.Dense(net.width, use_bias=False, name=f"embed own for {kind}")(own)
+        mine = nn.Dense(net.width, use_bias=False, name=f"embed own for {kind}")(joined)
         each = nn.Dense(net.width, name=f"embed {kind}")(jnp.where(masks[kind][..., None], x, 0.0))
-        tokens[kind] = nn.relu(each + mine[..., None, :]).astype(dtype)
+        tokens[kind] = nn.relu(each + mine[..., None, :].astype(each.dtype)).astype(dtype)
     names, sizes = list(tokens), [x.shape[-2] for x in tokens.values()]
     everyone = jnp.concatenate([*tokens.values(), first[..., None, :]], axis=-2)
     there = jnp.concatenate([*(masks[k] for k in names), jnp.ones((*own.shape[:-1], 1), bool)], axis=-1)

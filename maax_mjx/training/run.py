@@ -165,6 +165,10 @@ class Trainer:
         if self.states is None:
             self.states = self.worlds.reset(jax.random.fold_in(self._begin_worlds, self.iteration), stagger=True)
             self.memory = self._fresh_memory()
+        # Where the program leaves them, or its second run would compile it again.
+        shards = self.worlds.shards
+        self.learner = shards.replicate(self.learner)
+        self.memory = shards.put(jax.tree.map(np.asarray, self.memory))
         self._iterate = compile_iteration(self.worlds, self.network, self.config)
 
     @property
