@@ -1,10 +1,10 @@
-"""`maax-mjx rollout`: a batch of worlds under random actions, with its speed, pictures and files."""
+"""`maax-mjx rollout`: a batch of worlds under random actions or a policy, with its speed, pictures and files."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.physics import impls
+from maax_mjx.training.policy import Policy
 from maax_mjx.viewer import Recording, contact_sheet
 from maax_mjx.viewer.film import select_worlds
 
@@ -40,7 +41,7 @@ MAX_FRAMES = 250
 
 @dataclass
 class Rollout:
-    """Builds an environment, rolls out a batch of worlds with random actions, and draws them.
+    """Builds an environment, rolls out a batch of worlds with random actions or a policy, and draws them.
 
     Fields of the environment's config, which `maax-mjx info ENV` lists, are set as in --env.n_boxes 2,6 --env.grab True
     --env.lock.radius 0.3. Writes worlds.png (12 worlds from above), rollout.gif (world 0 moving), rollout.npz (for
@@ -58,6 +59,8 @@ class Rollout:
     """Seed of the worlds and the actions."""
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
+    policy: Path | None = None
+    """A trained policy's file, or the folder of a run; the game is set as it was learnt."""
     show: PositiveCount = 1
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
@@ -80,14 +83,35 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
     check_fields(args)
     if args.show > args.worlds:
         raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
+    policy = None if args.policy is None else Policy.load(args.policy)
+    if policy is not None:
+        overrides = _as_learnt(args.env, policy) | dict(overrides)
     with Interrupt() as interrupt:
-        result = _rollout(args, overrides, interrupt)
+        result = _rollout(args, overrides, policy, interrupt)
     report(result, args.json, _summary(result))
     if interrupt.asked:
         raise KeyboardInterrupt
 
 
-def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) -> dict[str, Any]:
+def _as_learnt(env: str, policy: Policy) -> dict[str, str]:
+    """Returns the fields of the config of the game that a policy learnt, as texts.
+
+    Raises:
+        ValueError: a policy of another game.
+    """
+    game = policy.game or {"game": "an environment of one's own", "config": {}}
+    if game["game"] != env:
+        raise ValueError(f"policy: got one of {game['game']}, to play {env}; takes one of the same game")
+    fields: dict[str, str] = {}
+    for name, value in game["config"].items():
+        inner = value if isinstance(value, dict) else {}
+        fields |= {f"{name}.{part}": repr(x) for part, x in inner.items()} or {name: repr(value)}
+    return {name: text for name, text in fields.items() if name != "impl"}
+
+
+def _rollout(
+    args: Rollout, overrides: Mapping[str, str], policy: Policy | None, interrupt: Interrupt
+) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
     _check_memory(env, args.worlds)
     make_folder(args.out)
@@ -97,10 +121,11 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
     start = time.perf_counter()
     states = worlds.reset(world_key, stagger=True)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
-    advance = _advance(worlds).lower(states, action_key, 1).compile()
+    advance = _advance(worlds, action_key) if policy is None else _play(worlds, policy, action_key)
+    states = advance(states, 0, every := max(1, round(1 / (FPS * env.base.dt))))
+    states = worlds.reset(world_key, stagger=True)
     compiled = time.perf_counter() - start
     shown = list(range(args.show))
-    every = max(1, round(1 / (FPS * env.base.dt)))
     frames, done, spent = [select_worlds(states, shown)], 0, 0.0
     bar.reset()
     bar.set_description_str(f"{args.worlds} worlds")
@@ -109,8 +134,7 @@ def _rollout(args: Rollout, overrides: Mapping[str, str], interrupt: Interrupt) 
         while done < args.steps and not interrupt.asked:
             n = min(every, args.steps - done)
             start = time.perf_counter()
-            key = jax.random.fold_in(action_key, done // HOLD)
-            states = jax.block_until_ready(advance(states, key, jnp.asarray(n)))
+            states = jax.block_until_ready(advance(states, done, n))
             spent += time.perf_counter() - start
             done += n
             bar.update(n)
@@ -139,14 +163,32 @@ def _check_memory(env: Environment, n_worlds: int) -> None:
         )
 
 
-def _advance(worlds: Worlds) -> jax.stages.Wrapped:
-    """Compiles `(states, key, n)`, which runs n steps under one random action of every world."""
+Advance = Callable[[WorldsState, int, int], WorldsState]
+"""`(states, done, n) -> states`: n more steps after those that are done."""
 
-    def advance(states: WorldsState, key: jax.Array, n: jax.Array) -> WorldsState:
+
+def _advance(worlds: Worlds, key: jax.Array) -> Advance:
+    """Steps under random actions, each held for some steps."""
+
+    def hold(states: WorldsState, key: jax.Array, n: jax.Array) -> WorldsState:
         action = worlds.sample_action(key)
         return jax.lax.fori_loop(0, n, lambda _, s: worlds.step_fn(s, action), states)
 
-    return jax.jit(advance, donate_argnums=0)
+    compiled = jax.jit(hold, donate_argnums=0)
+    return lambda states, done, n: compiled(states, jax.random.fold_in(key, done // HOLD), jnp.asarray(n))
+
+
+def _play(worlds: Worlds, policy: Policy, key: jax.Array) -> Advance:
+    """Steps under a policy, whose memory goes on from call to call."""
+    memory: list[Any] = [None]
+
+    def advance(states: WorldsState, done: int, n: int) -> WorldsState:
+        now = None if done == 0 else memory[0]
+        states, kept = worlds.rollout(states, policy, n, key=jax.random.fold_in(key, done), memory=now)
+        memory[0] = kept["memory"]
+        return states
+
+    return advance
 
 
 def _write(
@@ -184,6 +226,7 @@ def _result(
         "env": args.env,
         "engine": base.engine.impl,
         "device": jax.devices()[0].device_kind,
+        "policy": "random actions" if args.policy is None else str(args.policy),
         "worlds": args.worlds,
         "agents": base.n_agents,
         "steps": steps,
@@ -207,7 +250,7 @@ def _mean_return(env: Environment, states: WorldsState) -> dict[str, float]:
 def _summary(result: Mapping[str, Any]) -> str:
     rows = {
         "engine": f"{result['engine']} on {result['device']}",
-        "worlds": f"{result['worlds']:,} ({result['agents']} agents each), random actions held for {HOLD} steps",
+        "worlds": f"{result['worlds']:,} ({result['agents']} agents each), {result['policy']}",
         "env-steps/s": f"{result['env_steps_per_s']:,}",
         "physics steps/s": f"{result['physics_steps_per_s']:,}",
         "agent-steps/s": f"{result['agent_steps_per_s']:,}",

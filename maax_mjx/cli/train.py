@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from maax_mjx.tasks.config import from_plain
 from maax_mjx.training.folder import RUN, Folder
 
 REPLAY = "replay.html"
+DEFAULT_MINUTES = 10.0
 SHOWN = 2
 """Worlds in the replay."""
 
@@ -42,7 +42,7 @@ class Train:
     worlds: PositiveCount | None = None
     """Number of worlds on all devices together; by default the preset's."""
     minutes: Positive | None = None
-    """Minutes of training in this call, compilation not included."""
+    """Minutes of training in this call, compilation not included; 10 without --steps."""
     steps: PositiveCount | None = None
     """Env steps of the whole run."""
     out: Path | None = None
@@ -84,19 +84,23 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             env=fields,
             **{name: value_of(text) for name, text in args.settings.items()},
         )
+        minutes = args.minutes or (None if args.steps else DEFAULT_MINUTES)
         bar.total = args.steps
         bar.update(trainer.steps)
-        clock = time.perf_counter()
+        begun = trainer.seconds
 
         def on_iteration(now: training.Progress) -> bool:
             interrupt.keep()
             bar.set_description_str(f"{trainer.config.worlds} worlds")
-            bar.set_postfix_str(_words(now, args.minutes, clock))
+            left = None if minutes is None else max(0.0, minutes - (now.seconds - begun) / 60)
+            if args.steps is None and left is not None:
+                bar.total = int(now.steps + 60 * left * now.metrics.get("env_steps_per_s", 0.0))
+            bar.set_postfix_str(_words(now, left))
             bar.update(now.steps - bar.n)
             return not interrupt.asked
 
         with bar:
-            run = trainer.run(args.minutes or (None if args.steps else 10.0), args.steps, on_iteration)
+            run = trainer.run(minutes, args.steps, on_iteration)
         files = _replay(trainer, run)
     result = _result(run, files)
     report(result, args.json, "\n".join(f"  {name:15} {value}" for name, value in result.items()))
@@ -138,15 +142,15 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
 
 
-def _words(now: training.Progress, minutes: float | None, clock: float) -> str:
+def _words(now: training.Progress, left: float | None) -> str:
     """The end of the bar: speed, score, divergence, what is left."""
     numbers = now.metrics
     words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
     if numbers.get("episodes") and "episode_caught" in numbers:
         words.append(f"caught {numbers['episode_caught']:.2f}")
     words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in numbers.items() if name.startswith("return_")]
-    if minutes is not None:
-        words.append(f"{max(0.0, minutes - (time.perf_counter() - clock) / 60):.1f} min left")
+    if left is not None:
+        words.append(f"{left:.1f} min left")
     return ", ".join(words)
 
 

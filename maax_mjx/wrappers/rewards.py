@@ -115,6 +115,11 @@ class HideAndSeekReward(RewardWrapper):
         own = jnp.where(hiders, hidden, 0.0) + jnp.where(seekers, found, 0.0)
         return state.reward + self.scale * own
 
+    def caught(self, state: State) -> jax.Array:
+        """Whether any seeker catches any hider: () bool."""
+        active = self.playing(state)
+        return (self._mask(state) & (active & self._seekers)[:, None] & (active & self._hiders)).any()
+
     def _mask(self, state: State) -> jax.Array:
         """Returns (n_agents, n_agents) bool: which agents catch which."""
         if self.by == "contact":

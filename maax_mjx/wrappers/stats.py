@@ -14,6 +14,7 @@ from maax_mjx.modules import Entities
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.locks.wrapper import LockObjects
 from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.rewards import HideAndSeekReward
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import StateWrapper, find, find_all
 
@@ -42,6 +43,8 @@ class TrackStats(StateWrapper):
     - `distance_run` (n_agents,): metres that every agent has travelled.
     - `catches`: times that a seeker began to touch a hider after preparation; with `AgentAgentContactMask2D` and
       `TeamMembership` inside.
+    - `caught`: share of the steps after preparation in which a hider was caught by the game's rule, by touch or by
+      sight; with `HideAndSeekReward` inside.
 
     With `PreparationPhase` inside, the statistics of objects are also there as `<name>_prep`, at their values after the
     phase's last step, and zero before.
@@ -51,7 +54,7 @@ class TrackStats(StateWrapper):
     """
 
     name = "stats"
-    follows = (AgentAgentContactMask2D, LockObjects, PreparationPhase, TeamMembership)
+    follows = (AgentAgentContactMask2D, HideAndSeekReward, LockObjects, PreparationPhase, TeamMembership)
 
     def __init__(self, env: Environment):
         super().__init__(env)
@@ -59,6 +62,7 @@ class TrackStats(StateWrapper):
         self._locks = find_all(env, LockObjects)
         preparation = find(env, PreparationPhase)
         self._prep_steps = None if preparation is None else preparation.n_steps
+        self._rule = find(env, HideAndSeekReward)
         teams = find(env, TeamMembership)
         self._catches = teams is not None and find(env, AgentAgentContactMask2D) is not None
         if teams is not None:
@@ -71,6 +75,8 @@ class TrackStats(StateWrapper):
         totals = {"distance_run": jnp.zeros(n)}
         if self._catches:
             totals["catches"] = jnp.zeros((), jnp.int32)
+        if self._rule is not None:
+            totals["caught"] = jnp.zeros(())
         things = self._things(state, here, here)
         if self._prep_steps is not None:
             totals |= {f"{name}_prep": jnp.zeros_like(value) for name, value in things.items()}
@@ -82,8 +88,12 @@ class TrackStats(StateWrapper):
         totals = dict(stats.totals)
         way = jnp.linalg.norm(here - stats.before, axis=1)[self._rows(self.base.agents)]
         totals["distance_run"] += jnp.where(self.playing(state), way, 0.0)
+        played = state.step - (self._prep_steps or 0)
+        if self._rule is not None:
+            share = totals["caught"]
+            totals["caught"] = share + (self._rule.caught(state) - share) * (played > 0) / jnp.maximum(played, 1)
         if self._catches:
-            playing = jnp.ones((), bool) if self._prep_steps is None else state.step > self._prep_steps
+            playing = played > 0
             new = (touching & ~stats.touching & self._pairs).sum()
             totals["catches"] += jnp.where(playing, new, 0).astype(jnp.int32)
         things = self._things(state, stats.start, here)

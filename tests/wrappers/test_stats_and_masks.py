@@ -361,3 +361,22 @@ def test_mistakes(call, message, sensing, split):
     with pytest.raises(ValueError) as error:  # noqa: PT011
         call(sensing, split)
     assert message in str(error.value)
+
+
+def test_caught_is_the_share_of_steps_in_which_seekers_are_paid():
+    few = {"scenario": "empty", "n_boxes": 0, "n_ramps": 0, "horizon": 20, "prep_fraction": 0.25}
+    rule = {"by": "vision", "cone": 2.0, "rew_type": "team_zero_sum"}
+    env = maax.make("hide_and_seek", impl="c", **few, **rule)
+    worlds = maax.Worlds(env, 16)
+
+    def policy(state, key):
+        return env.sample_action(key)
+
+    keep = ("reward", "metrics.caught", "truncated")
+    _, kept = worlds.rollout(worlds.reset(seeds.key(0)), policy, 20, keep=keep)
+    paid = np.asarray(kept["reward"])[..., env.teams["seekers"].slots[0]] > 0
+    assert np.asarray(kept["truncated"])[-1].all()
+    assert not paid[:5].any()
+    assert not np.asarray(kept["metrics.caught"])[:5].any()
+    np.testing.assert_allclose(kept["metrics.caught"][-1], paid[5:].mean(axis=0), atol=1e-6)
+    assert 0 < paid[5:].mean() < 1

@@ -1,0 +1,50 @@
+"""`maax-mjx train`, `evaluate` and `rollout --policy`, one after the other as a user would."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from maax_mjx.cli import main
+
+pytestmark = pytest.mark.slow
+
+SMALL = ["--worlds", "4", "--net.width", "8", "--net.hidden", "8", "--net.heads", "2"]
+SMALL += ["--ppo.unroll", "4", "--ppo.chunk", "2", "--ppo.epochs", "1"]
+GAME = ["--env.n_boxes", "0", "--env.n_ramps", "0", "--env.horizon", "8", "--env.scenario", "empty"]
+
+
+def printed(capsys, *words):
+    """What a command prints as JSON."""
+    main([*words, "--json"])
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "32", "--out", "runs/tag")
+    assert (first["iterations"], first["steps"]) == (2, 32)
+    folder = tmp_path / "runs" / "tag"
+    assert {"run.json", "metrics.jsonl", "curves.png", "policy", "past", "replay.html"} <= {
+        file.name for file in folder.iterdir()
+    }
+    more = printed(capsys, "train", "runs/tag", "--steps", "48")
+    assert (more["iterations"], more["steps"]) == (3, 48)
+    matches = printed(capsys, "evaluate", "runs/tag", "--against", "random", "--episodes", "4", "--impl", "c")
+    assert [match["opponent"] for match in matches] == ["random"] * len(matches)
+    seen = printed(capsys, "rollout", "tag", "--policy", "runs/tag", "--worlds", "4", "--steps", "8", "--impl", "c")
+    assert seen["policy"] == "runs/tag"
+    assert seen["episodes"] >= 4
+    for words, said in (
+        (["train", "tagg"], "got 'tagg'; did you mean 'tag'"),
+        (["train", "runs/tag", "--env.n_boxes", "2", "--steps", "64"], "takes it with a new run"),
+        (["train", "tag", "--preset", "laptop", "--out", "runs/tag", "--steps", "64"], "which has a run with"),
+        (["train", "tag", "--ppo.lr", "-1"], "ppo.lr: got -1"),
+        (["rollout", "hide_and_seek", "--policy", "runs/tag"], "takes one of the same game"),
+        (["evaluate", "runs/tag", "--against", "runs/none"], "runs/none"),
+    ):
+        with pytest.raises(SystemExit) as error:
+            main(words)
+        assert error.value.code == 2
+        assert said in capsys.readouterr().err, words
