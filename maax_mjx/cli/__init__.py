@@ -48,6 +48,10 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 }
 
 
+GROUPS = ("ppo", "net", "league")
+"""Groups of settings of `train`."""
+
+
 def main(argv: list[str] | None = None) -> None:
     """The entry point: parses the command line and runs the command.
 
@@ -85,7 +89,7 @@ def run(argv: list[str]) -> None:
         check_choice("command", argv[0], COMMANDS)
     argv, overrides = split_overrides(argv)
     settings: dict[str, str] = {}
-    for group in ("ppo", "net", "league") if argv[:1] == ["train"] else ():
+    for group in GROUPS if argv[:1] == ["train"] else ():
         argv, found = split_overrides(argv, f"--{group}.")
         settings |= {f"{group}.{name}": text for name, text in found.items()}
     if argv[:1] in (["rollout"], ["info"]) and len(argv) > 1 and not argv[1].startswith("-"):

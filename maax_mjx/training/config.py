@@ -104,12 +104,15 @@ class TrainConfig(Config):
     Attributes:
         worlds: number of worlds on all devices together.
         save_minutes: minutes between saves.
+        save_worlds: whether saves have the worlds as well, so that the run goes on bit for bit; the
+            state of a world and its next episode take some 13 kB in `hide_and_seek_quadrant`.
         ppo, net, league: see there.
         env: fields of the game's config that the preset sets, where the game has them.
     """
 
     worlds: PositiveCount = 16_384
     save_minutes: Positive = 5.0
+    save_worlds: bool = True
     ppo: PPOConfig = PPOConfig()
     net: NetConfig = NetConfig()
     league: LeagueConfig = LeagueConfig()

@@ -135,12 +135,9 @@ class Trainer:
         self.env = _environment(game, self.config, env)
         self.network = Network.of(self.env, self.config.net)
         self.worlds = Worlds(self.env, self.config.worlds, devices)
-        if self.worlds.shards.method == "pmap":
-            raise ValueError("devices: got a batch of pmap; takes shard_map")
         check_divides(self.config, len(self.worlds.shards.devices))
         self.folder = Folder(folder)
         self._key, start, draw = jax.random.split(jax.random.key(seed), 3)
-        self._begin_worlds = start
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.league = League(self.config.league.keep)
         weights = self.network.draw(draw) if begin_from is None else _taken_over(begin_from, self.network, draw)
@@ -163,7 +160,7 @@ class Trainer:
             self.folder.describe(about)
             self._keep_past()
         if self.states is None:
-            self.states = self.worlds.reset(jax.random.fold_in(self._begin_worlds, self.iteration), stagger=True)
+            self.states = self.worlds.reset(jax.random.fold_in(start, self.iteration), stagger=True)
             self.memory = self._fresh_memory()
         # Where the program leaves them, or its second run would compile it again.
         shards = self.worlds.shards
@@ -210,14 +207,15 @@ class Trainer:
     def save(self) -> None:
         """Saves everything: the run goes on from here."""
         self.policy.save(self.folder.path / POLICY)
-        numbers = {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
-        self.folder.save_small(self.learner, numbers)
         saves = Checkpoints(self.folder.path / SAVES)
-        if saves.latest is None or saves.latest < self.iteration:
+        if self.config.save_worlds and (saves.latest is None or saves.latest < self.iteration):
             counts = _counts(self.steps, self.seconds)
             saves.save(
                 self.iteration, self.worlds, self.states, learner=self.learner, memory=self.memory, counts=counts
             )
+        # Last: the newer of the two is what a run goes on from.
+        numbers = {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
+        self.folder.save_small(self.learner, numbers)
 
     def _iteration(self, first: bool) -> Progress:
         """Makes an iteration and notes it; the first one of a process compiles, which counts as no time."""
@@ -274,12 +272,15 @@ class Trainer:
         saves = Checkpoints(self.folder.path / SAVES)
         learner, memory = jax.eval_shape(lambda: (self.learner, self._fresh_memory()))
         like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": memory})
-        if saves.latest is not None and saves.about()["n_worlds"] == self.config.worlds:
+        small = self.folder.load_small(like["learner"])
+        newest = -1 if small is None else small[1]["iteration"]
+        whole = saves.latest is not None and saves.latest >= newest
+        if whole and saves.about()["n_worlds"] == self.config.worlds:
             self.states, found = saves.restore(self.worlds, counts=_counts(0, 0.0), **like)
             self.learner, self.memory = found["learner"], found["memory"]
-            self.iteration, self.steps = int(saves.latest), int(found["counts"]["steps"])
+            self.iteration, self.steps = int(saves.latest or 0), int(found["counts"]["steps"])
             self.seconds = float(found["counts"]["seconds"])
-        elif small := self.folder.load_small(like["learner"]):
+        elif small is not None:
             self.learner, numbers = small
             self.iteration, self.steps, self.seconds = (numbers[x] for x in ("iteration", "steps", "seconds"))
         self.folder.forget(self.iteration)
@@ -325,10 +326,17 @@ def _check_same(folder: Folder, about: Mapping[str, Any]) -> None:
     Raises:
         ValueError: another game, network or seed; the message names the first that differs.
     """
-    was = folder.about()
+    was, about = _any_engine(folder.about()), _any_engine(about)
     for name in ("game", "columns", "net", "seed"):
         if was.get(name) != about[name]:
             raise ValueError(
                 f"folder: got {folder.path}, which has a run with {name}={was.get(name)}, not {about[name]}; takes "
                 "that run's, or another folder"
             )
+
+
+def _any_engine(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what a run trains without the engine that it steps on: what was learnt travels between machines."""
+    game = about.get("game")
+    config = {name: value for name, value in game["config"].items() if name != "impl"} if game else {}
+    return {**about, "game": game and {**game, "config": config}}
