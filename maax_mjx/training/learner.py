@@ -125,7 +125,8 @@ def iterate(
 
     now, info = jax.lax.scan(learn, now, order)
     weights = now.weights.replace(norm=updated(now.weights.norm, batch.features, mean))
-    metrics = {name: x.mean() for name, x in info.items()} | _metrics(network, batch, value, returns, mean)
+    played = _metrics(network, batch, value, returns, mean, len(worlds.shards.devices))
+    metrics = {name: x.mean() for name, x in info.items()} | played
     return Learner(weights, now.moments, scale, now.broken), states, memory, metrics
 
 
@@ -181,7 +182,9 @@ def _order(key: jax.Array, first: jax.Array, groups: int, n_rows: int, config: T
     )
 
 
-def _metrics(network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean) -> dict[str, jax.Array]:
+def _metrics(
+    network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean, n_devices: int
+) -> dict[str, jax.Array]:
     """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it."""
     over: dict[str, tuple[jax.Array, jax.Array]] = {}
     done = batch.last
@@ -205,5 +208,6 @@ def _metrics(network: Network, batch: Batch, value: jax.Array, returns: jax.Arra
         error = means.pop(f"error_square {team}") - means.pop(f"error {team}") ** 2
         spread = means.pop(f"square {team}") - means.pop(f"target {team}") ** 2
         means[f"explained_{team}"] = 1 - error / jnp.maximum(spread, 1e-8)
-    rates = mean({"episodes": done.sum(dtype=jnp.float32), "faults": batch.fault.sum(dtype=jnp.float32)})
-    return means | rates
+    # What is counted on each device is averaged over them.
+    counted = {"episodes": done, "faults": batch.fault}
+    return means | mean({name: n_devices * x.sum(dtype=jnp.float32) for name, x in counted.items()})
