@@ -226,7 +226,7 @@ def _result(
         "env": args.env,
         "engine": base.engine.impl,
         "device": jax.devices()[0].device_kind,
-        "policy": "random actions" if args.policy is None else str(args.policy),
+        "policy": f"random actions held for {HOLD} steps" if args.policy is None else str(args.policy),
         "worlds": args.worlds,
         "agents": base.n_agents,
         "steps": steps,

@@ -94,7 +94,7 @@ def from_plain(config: type, values: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in values.items():
         if inner := inner_config(config, name):
             value = inner(**from_plain(inner, value)) if isinstance(value, Mapping) else value
-        found[name] = _with_tuples(value)
+        found[name] = with_tuples(value)
     return found
 
 
@@ -105,8 +105,9 @@ def inner_config(config: type, name: str) -> type | None:
     return kinds[0] if kinds else None
 
 
-def _with_tuples(value: Any) -> Any:
-    return tuple(_with_tuples(x) for x in value) if isinstance(value, list) else value
+def with_tuples(value: Any) -> Any:
+    """Returns lists, as JSON has them, as tuples."""
+    return tuple(with_tuples(x) for x in value) if isinstance(value, list) else value
 
 
 def field_names(config: Any) -> list[str]:

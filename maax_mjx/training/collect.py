@@ -108,8 +108,7 @@ def collect(
         frozen = memory.opponents
         if opponents is not None:
             action, theirs, frozen = frozen_actions(network, opponents, now, begins, frozen, action, draws)
-        played = {head.name: action[head.name] for head in network.heads}
-        after = advance(env, states, played)
+        after = advance(env, states, action)
         fault = after.metrics[FAULT]
         cut = jnp.zeros_like(value[0])
         if ppo.bootstrap == "horizon":

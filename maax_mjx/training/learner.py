@@ -202,7 +202,7 @@ def _metrics(
         if name != "physics_fault":
             x = x.reshape(*done.shape, -1).astype(jnp.float32).mean(-1)
             over[f"episode_{name}"] = (jnp.where(done, x, 0.0).sum(), done.sum())
-    sums, counts = mean({name: tuple(jnp.asarray(x, jnp.float32) for x in pair) for name, pair in over.items()}), done
+    sums = mean({name: tuple(jnp.asarray(x, jnp.float32) for x in pair) for name, pair in over.items()})
     means = {name: total / jnp.maximum(n, 1e-9) for name, (total, n) in sums.items()}
     for team, _ in network.teams:
         error = means.pop(f"error_square {team}") - means.pop(f"error {team}") ** 2

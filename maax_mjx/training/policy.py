@@ -21,7 +21,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.parallel.saved import plain_config
 from maax_mjx.tasks import config_of, make
-from maax_mjx.tasks.config import from_plain
+from maax_mjx.tasks.config import from_plain, with_tuples
 from maax_mjx.training.actions import Head, mode, sample
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Network, Weights
@@ -212,28 +212,21 @@ def game_of(env: Environment) -> dict[str, Any] | None:
     return None if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
 
 
-def _as_tuples(value: Any) -> Any:
-    """Lists of JSON as the tuples that configs have."""
-    if isinstance(value, list):
-        return tuple(_as_tuples(x) for x in value)
-    return value
-
-
 def _network_of(fields: dict[str, Any]) -> Network:
     spec = fields["spec"]
     kinds = tuple(Kind(**{**kind, "parts": _parts(kind["parts"])}) for kind in spec["kinds"])
     read = Spec(_parts(spec["own"]), _parts(spec["rays"]), _parts(spec["critic"]), kinds, spec["n_rays"])
-    heads = tuple(Head(**_as_tuples_in(head)) for head in fields["heads"])
+    heads = tuple(_made(Head, head) for head in fields["heads"])
     teams = tuple((name, tuple(slots)) for name, slots in fields["teams"])
     return Network(read, heads, NetConfig(**fields["net"]), teams)
 
 
 def _parts(parts: list[dict[str, Any]]) -> tuple[Part, ...]:
-    return tuple(Part(**_as_tuples_in(part)) for part in parts)
+    return tuple(_made(Part, part) for part in parts)
 
 
-def _as_tuples_in(fields: dict[str, Any]) -> dict[str, Any]:
-    return {name: _as_tuples(value) for name, value in fields.items()}
+def _made(kind: type, fields: dict[str, Any]) -> Any:
+    return kind(**{name: with_tuples(value) for name, value in fields.items()})
 
 
 def _restored(network: Network, saved: dict[str, Any]) -> Weights:

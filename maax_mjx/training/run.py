@@ -130,7 +130,6 @@ class Trainer:
         **overrides: Any,
     ):
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
-        check_divides(self.config, 1)
         seed = check_count("seed", seed, maximum=LONG)
         self.env = _environment(game, self.config, env)
         self.network = Network.of(self.env, self.config.net)
@@ -144,13 +143,14 @@ class Trainer:
         self.learner = new_learner(weights, self.config)
         self.states: Any = None
         self.memory: Any = None
+        settings = settings_of(self.config)
         about = {
             "game": game_of(self.env),
             "preset": preset,
             "columns": {name: list(columns) for name, columns in self.network.spec.columns().items()},
-            "net": settings_of(self.config)["net"],
+            "net": settings["net"],
             "seed": seed,
-            "settings": settings_of(self.config),
+            "settings": settings,
             "conditions": conditions(),
         }
         if self.folder.found:
@@ -214,8 +214,7 @@ class Trainer:
                 self.iteration, self.worlds, self.states, learner=self.learner, memory=self.memory, counts=counts
             )
         # Last: the newer of the two is what a run goes on from.
-        numbers = {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
-        self.folder.save_small(self.learner, numbers)
+        self.folder.save_small(self.learner, self._counters())
 
     def _iteration(self, first: bool) -> Progress:
         """Makes an iteration and notes it; the first one of a process compiles, which counts as no time."""
@@ -232,8 +231,7 @@ class Trainer:
         self.seconds += 0.0 if first else spent
         speed = {"compile_s": spent} if first else {"env_steps_per_s": taken / spent}
         progress = Progress(self.iteration, self.steps, self.seconds, metrics | speed)
-        counters = {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
-        self.folder.note(counters | progress.metrics)
+        self.folder.note(self._counters() | progress.metrics)
         if int(self.learner.broken) >= BROKEN:
             raise FloatingPointError(
                 f"train: {BROKEN} updates in a row were not finite, the first array that is not: {self._not_finite()}; "
@@ -242,6 +240,10 @@ class Trainer:
         if self.iteration % league.every == 0:
             self._keep_past()
         return progress
+
+    def _counters(self) -> dict[str, float]:
+        """How far the run is."""
+        return {"iteration": self.iteration, "steps": self.steps, "seconds": self.seconds}
 
     def _keep_past(self) -> None:
         """Keeps the policy of now, for past opponents and for evaluations."""
