@@ -102,7 +102,7 @@ class League:
     """The earlier policies of a run, on the host.
 
     Args:
-        keep: number that is kept; of more, every other one of the older goes.
+        keep: number that is kept: of more, the oldest but the first goes.
     """
 
     def __init__(self, keep: int):
@@ -113,8 +113,8 @@ class League:
         """Keeps a policy, on the host and without its critic."""
         self.past.append(jax.device_get(weights.replace(critic={})))
         if len(self.past) > self.keep:
-            # The first and the newest stay, so that old play is not forgotten.
-            del self.past[1 + (len(self.past) % max(self.keep - 1, 1))]
+            # The first stays, which is easily beaten, and shows whether that is unlearnt.
+            del self.past[min(1, self.keep - 1)]
 
     def draw(self, seed: int, groups: int, share: float) -> Opponents:
         """Draws opponents, uniformly of those that are kept.

@@ -152,3 +152,11 @@ def test_microbatches_change_nothing(played):
     ]
     for name in parts[0]:
         np.testing.assert_allclose(parts[0][name], parts[1][name], rtol=1e-4, atol=1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize(("keep", "kept"), [(1, [5]), (2, [0, 5]), (4, [0, 3, 4, 5])])
+def test_the_first_and_the_newest_policies_are_kept(keep, kept, played):
+    league = League(keep)
+    for i in range(6):
+        league.add(jax.tree.map(lambda x, i=i: jnp.full_like(x, i), played[1]))
+    assert [int(jax.tree.leaves(weights)[0].ravel()[0]) for weights in league.past] == kept
