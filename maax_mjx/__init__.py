@@ -96,6 +96,7 @@ from maax_mjx.wrappers import (  # noqa: E402
     Tag,
     TeamMembership,
     TrackStats,
+    TrackTools,
     Wrapper,
     extended,
 )
@@ -166,6 +167,7 @@ __all__ = [
     "Team",
     "TeamMembership",
     "TrackStats",
+    "TrackTools",
     "WallScenarios",
     "WorldConfig",
     "WorldConstants",

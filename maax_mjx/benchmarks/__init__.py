@@ -20,5 +20,6 @@ BENCHMARKS = (
     "scaling",
     "soak",
     "step",
+    "train_speed",
 )
 """Names of the modules that run as `maax-mjx bench NAME`; the others are what these share."""

@@ -24,6 +24,8 @@ REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
 SHOWN = 2
 """Worlds in the replay."""
+SWITCHES = ("save_worlds", "tensorboard")
+"""Options that are settings of the run, which keeps them when it goes on."""
 
 
 @dataclass
@@ -53,6 +55,10 @@ class Train:
     """A policy that a new run begins with, also of another game with the same columns."""
     devices: str = "all"
     """How many devices, or all."""
+    save_worlds: bool | None = None
+    """Whether saves have the worlds as well, so that the run goes on bit for bit; by default as the preset or run."""
+    tensorboard: bool | None = None
+    """Whether metrics are written for TensorBoard as well (extra "tensorboard"); by default as the run, or not."""
     json: bool = False
     """Whether to print the result as JSON; progress goes to stderr."""
     settings: tyro.conf.Suppress[dict[str, str]] = field(default_factory=dict)
@@ -83,6 +89,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             begin_from=None if args.begin_from is None else training.Policy.load(args.begin_from),
             env=fields,
             **{name: value_of(text) for name, text in args.settings.items()},
+            **{name: getattr(args, name) for name in SWITCHES if getattr(args, name) is not None},
         )
         minutes = args.minutes or (None if args.steps else DEFAULT_MINUTES)
         bar.total = args.steps
@@ -138,6 +145,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         preset=args.preset or about["preset"],
         worlds=args.worlds or settings["worlds"],
         settings=was | args.settings,
+        **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in SWITCHES},
     )
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
 

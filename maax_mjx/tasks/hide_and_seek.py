@@ -32,6 +32,7 @@ from maax_mjx.wrappers import (
     RestrictAgentsRect,
     TeamMembership,
     TrackStats,
+    TrackTools,
 )
 from maax_mjx.wrappers.actions import Bins
 from maax_mjx.wrappers.locks.rules import LOCK_TYPES
@@ -93,6 +94,7 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
         lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
         stats: whether `metrics` have the statistics of `TrackStats`.
+        tools: whether they have those of `TrackTools`, for evaluation.
     """
 
     prep_fraction: Fraction = 0.4
@@ -106,6 +108,7 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
     rect: RectConfig | None = None
     n_bins: Bins | None = None
     stats: bool = True
+    tools: bool = False
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,8 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     env = PreparationPhase(env, config.prep_fraction, config.blind)
     if config.stats:
         env = TrackStats(env)
+    if config.tools:
+        env = TrackTools(env)
     if config.n_bins is not None:
         env = DiscretizeActions(env, config.n_bins)
     return observed_by_agents(env, config.observations, config.observe)

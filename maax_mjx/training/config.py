@@ -106,6 +106,7 @@ class TrainConfig(Config):
         save_minutes: minutes between saves.
         save_worlds: whether saves have the worlds as well, so that the run goes on bit for bit; the
             state of a world and its next episode take some 13 kB in `hide_and_seek_quadrant`.
+        tensorboard: whether metrics are written for TensorBoard as well, with the extra "tensorboard".
         ppo, net, league: see there.
         env: fields of the game's config that the preset sets, where the game has them.
     """
@@ -113,6 +114,7 @@ class TrainConfig(Config):
     worlds: PositiveCount = 16_384
     save_minutes: Positive = 5.0
     save_worlds: bool = True
+    tensorboard: bool = False
     ppo: PPOConfig = PPOConfig()
     net: NetConfig = NetConfig()
     league: LeagueConfig = LeagueConfig()

@@ -19,9 +19,10 @@ from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.folder import Folder
 from maax_mjx.training.opponents import SCRIPTED, Scripted
 from maax_mjx.training.policy import Policy, check_policy
+from maax_mjx.training.ratings import LIKELY, Rating, Result, rate
 
-LIKELY = 1.96
-"""Standard errors on either side of a mean that hold it in 95 of 100 cases."""
+SELF = "self"
+"""Name of the policy where it is its own opponent, and in ratings."""
 
 
 class Estimate(NamedTuple):
@@ -61,9 +62,17 @@ class Match:
 
 
 class Evaluation(NamedTuple):
-    """Matches of a policy; printed as a table."""
+    """Matches of a policy; printed as a table, with the ratings below it."""
 
     matches: tuple[Match, ...]
+
+    @property
+    def ratings(self) -> dict[str, Rating]:
+        """Elo's points of the policy, "self", at 0, and of its opponents; {} for games of one team."""
+        if len({match.team for match in self.matches}) < 2:
+            return {}
+        results = [Result(SELF, m.opponent, m.team, m.won.mean, m.episodes) for m in self.matches]
+        return rate(results, SELF)
 
     def of(self, team: str, opponent: str) -> Match:
         """Returns a match.
@@ -85,6 +94,8 @@ class Evaluation(NamedTuple):
         ]
         widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in [head, *rows]]
+        if self.ratings:
+            lines += ["", "ratings: " + ", ".join(f"{name} {rating}" for name, rating in self.ratings.items())]
         return "\n".join(line.rstrip() for line in lines)
 
 
@@ -155,7 +166,7 @@ def evaluate(
     mine = _seated(player_of("policy", policy), env)
     matches = []
     for one in against:
-        other = mine if isinstance(one, str) and one == "self" else _seated(player_of("against", one), env)
+        other = mine if isinstance(one, str) and one == SELF else _seated(player_of("against", one), env)
         name = one if isinstance(one, str) else repr(one)
         matches += [_match(worlds, mine, other, team, name, seed) for team in names]
     return Evaluation(tuple(matches))
@@ -177,7 +188,7 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
     if at and not Path(given).exists():
         return _past(argument, text, steps)
     if not Path(given).exists():
-        check_choice(argument, str(given), [*SCRIPTED, "self"])
+        check_choice(argument, str(given), [*SCRIPTED, SELF])
     return Policy.load(given)
 
 

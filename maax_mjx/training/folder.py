@@ -1,4 +1,7 @@
-"""The folder of a run: what it trains, its metrics, saves, policies and curves."""
+"""The folder of a run: what it trains, its metrics, saves, policies and curves.
+
+Of several processes the first one writes.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,14 @@ import jax
 import numpy as np
 
 from maax_mjx.common.whole import whole
+from maax_mjx.parallel.processes import together
+from maax_mjx.training.board import Board
 from maax_mjx.training.config import TrainConfig
+from maax_mjx.training.curves import draw_curves
 from maax_mjx.training.policy import Policy
 
-RUN, METRICS, POLICY, PAST, CURVES, SAVES, SMALL = (
-    "run.json", "metrics.jsonl", "policy", "past", "curves.png", "saves", "learner"
+RUN, METRICS, POLICY, PAST, CURVES, SAVES, SMALL, BOARD = (
+    "run.json", "metrics.jsonl", "policy", "past", "curves.png", "saves", "learner", "tensorboard"
 )  # fmt: skip
 PART = 12_000_000
 """Bytes of a file of a small save, at most, unless one array is larger."""
@@ -28,13 +34,17 @@ class Folder:
 
     Args:
         path: the folder, created if it does not exist.
+        tensorboard: whether metrics are written for TensorBoard as well.
 
     Raises:
         ValueError: a path where no folder can be made, or a folder with other files and no run.
+        MissingLibraryError: TensorBoard's files without the package that writes them.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, tensorboard: bool = False):
         self.path = Path(path).absolute()
+        self._writes = jax.process_index() == 0
+        self._board = Board(self.path / BOARD) if tensorboard and self._writes else None
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -42,6 +52,8 @@ class Folder:
         self.found = (self.path / RUN).exists()
         if not self.found and any(not x.name.startswith(".") for x in self.path.iterdir()):
             raise ValueError(f"folder: got {path}, which has other files; takes an empty one, a new one, or a run's")
+        # Before the first process writes what the others look for.
+        together("folder")
 
     def about(self) -> dict[str, Any]:
         """Reads what the run trains.
@@ -56,13 +68,30 @@ class Folder:
 
     def describe(self, about: Mapping[str, Any]) -> None:
         """Writes what the run trains."""
+        if not self._writes:
+            return
         with whole(self.path / RUN) as part:
             part.write_text(json.dumps(about, indent=1) + "\n")
 
     def note(self, row: Mapping[str, Any]) -> None:
         """Appends a row to the metrics."""
+        if not self._writes:
+            return
+        plain = {name: _plain(value) for name, value in row.items()}
         with (self.path / METRICS).open("a") as file:
-            file.write(json.dumps({k: _plain(v) for k, v in row.items()}) + "\n")
+            file.write(json.dumps(plain) + "\n")
+        if self._board:
+            self._board.add(plain)
+
+    def draw(self) -> None:
+        """Draws the curves of the metrics."""
+        if self._writes:
+            draw_curves(self.rows(), self.path / CURVES)
+
+    def keep(self, policy: Policy) -> None:
+        """Writes the newest policy."""
+        if self._writes:
+            policy.save(self.path / POLICY)
 
     def rows(self) -> list[dict[str, Any]]:
         """Reads the metrics of all iterations; a line that was cut off is left out."""
@@ -76,6 +105,8 @@ class Folder:
 
     def forget(self, iteration: int) -> None:
         """Drops the metrics after an iteration, which a run that goes on from its save makes again."""
+        if not self._writes:
+            return
         kept = [row for row in self.rows() if row["iteration"] <= iteration]
         if len(kept) < len(self._lines()):
             with whole(self.path / METRICS) as part:
@@ -87,6 +118,8 @@ class Folder:
 
     def keep_past(self, policy: Policy) -> None:
         """Keeps a policy of now among the past ones."""
+        if not self._writes:
+            return
         (self.path / PAST).mkdir(exist_ok=True)
         policy.save(self.path / PAST / f"{policy.steps:015d}")
 
@@ -103,6 +136,8 @@ class Folder:
             tree: the arrays.
             about: numbers to go on with.
         """
+        if not self._writes:
+            return
         folder = self.path / SMALL
         folder.mkdir(exist_ok=True)
         names = []

@@ -14,20 +14,19 @@ import numpy as np
 from maax_mjx.common.annotated import Positive, check_value
 from maax_mjx.common.checks import LONG, check_count
 from maax_mjx.common.conditions import conditions
-from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
+from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
-from maax_mjx.tasks import config_of, make
-from maax_mjx.tasks.config import field_names
+from maax_mjx.training.begin import check_same, environment_of, taken_over
 from maax_mjx.training.collect import Remembered
-from maax_mjx.training.config import TrainConfig, check_divides
+from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
-from maax_mjx.training.curves import draw_curves
-from maax_mjx.training.folder import CURVES, POLICY, SAVES, Folder, settings_of
+from maax_mjx.training.folder import SAVES, Folder, settings_of
 from maax_mjx.training.league import League
 from maax_mjx.training.learner import compile_iteration, new_learner
-from maax_mjx.training.network import Network, Weights
-from maax_mjx.training.policy import Policy, check_fits, check_policy, game_of
+from maax_mjx.training.network import Network
+from maax_mjx.training.policy import Policy, game_of
 
 BROKEN = 10
 """Updates in a row that are not finite, after which a run stops."""
@@ -131,15 +130,15 @@ class Trainer:
     ):
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
         seed = check_count("seed", seed, maximum=LONG)
-        self.env = _environment(game, self.config, env)
+        self.env = environment_of(game, self.config, env)
         self.network = Network.of(self.env, self.config.net)
         self.worlds = Worlds(self.env, self.config.worlds, devices)
         check_divides(self.config, len(self.worlds.shards.devices))
-        self.folder = Folder(folder)
+        self.folder = Folder(folder, self.config.tensorboard)
         self._key, start, draw = jax.random.split(jax.random.key(seed), 3)
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.league = League(self.config.league.keep)
-        weights = self.network.draw(draw) if begin_from is None else _taken_over(begin_from, self.network, draw)
+        weights = self.network.draw(draw) if begin_from is None else taken_over(begin_from, self.network, draw)
         self.learner = new_learner(weights, self.config)
         self.states: Any = None
         self.memory: Any = None
@@ -154,7 +153,7 @@ class Trainer:
             "conditions": conditions(),
         }
         if self.folder.found:
-            _check_same(self.folder, about)
+            check_same(self.folder, about)
             self._restore()
         else:
             self.folder.describe(about)
@@ -186,27 +185,30 @@ class Trainer:
             check_count("steps", steps, minimum=1, maximum=LONG)
         if minutes is None and steps is None and on_iteration is None:
             raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
-        progress, begun, saved, drawn = None, self.seconds, time.perf_counter(), 0.0
+        progress, over, begun, saved, drawn = None, False, self.seconds, time.perf_counter(), 0.0
         try:
-            while (minutes is None or self.seconds - begun < 60 * minutes) and (steps is None or self.steps < steps):
+            while not over and (steps is None or self.steps < steps):
                 progress = self._iteration(first=progress is None)
-                if time.perf_counter() - saved > 60 * self.config.save_minutes:
+                enough = on_iteration is not None and on_iteration(progress) is False
+                over = minutes is not None and self.seconds - begun >= 60 * minutes
+                due = time.perf_counter() - saved > 60 * self.config.save_minutes
+                # Clocks of several processes differ, and saves are made together.
+                over, due = any_process(over or enough, due)
+                if due:
                     self.save()
                     saved = time.perf_counter()
                 if time.perf_counter() - drawn > LEAST_SECONDS:
-                    draw_curves(self.folder.rows(), self.folder.path / CURVES)
+                    self.folder.draw()
                     drawn = time.perf_counter()
-                if on_iteration is not None and on_iteration(progress) is False:
-                    break
         finally:
             if progress is not None and not int(self.learner.broken):
                 self.save()
-                draw_curves(self.folder.rows(), self.folder.path / CURVES)
+                self.folder.draw()
         return Run(self.folder.path, self.policy, progress)
 
     def save(self) -> None:
         """Saves everything: the run goes on from here."""
-        self.policy.save(self.folder.path / POLICY)
+        self.folder.keep(self.policy)
         saves = Checkpoints(self.folder.path / SAVES)
         if self.config.save_worlds and (saves.latest is None or saves.latest < self.iteration):
             counts = _counts(self.steps, self.seconds)
@@ -293,52 +295,3 @@ class Trainer:
 
 def _counts(steps: int, seconds: float) -> dict[str, np.ndarray]:
     return {"steps": np.asarray(steps, np.int64), "seconds": np.asarray(seconds, np.float64)}
-
-
-def _environment(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
-    """Makes the game with the preset's fields, of those that it has, and the user's."""
-    if not isinstance(game, str):
-        if env:
-            raise ValueError(f"env: got {sorted(env)} with an environment; takes fields only with a name")
-        return check_environment(game)
-    known = field_names(config_of(game))
-    return make(game, **({name: value for name, value in config.env.items() if name in known} | dict(env or {})))
-
-
-def _taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
-    """Returns the weights of a policy for another run; a critic that it lacks is drawn.
-
-    Raises:
-        ValueError: a policy of other networks.
-    """
-    mine = check_policy(policy).network
-    if mine.net != network.net:
-        raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")
-    check_fits(mine, network)
-    drawn = network.draw(key)
-    same = jax.tree.map(jnp.shape, policy.params.critic) == jax.tree.map(jnp.shape, drawn.critic)
-    critic = policy.params.critic if same else drawn.critic
-    # In memory of their own, since they are donated.
-    return jax.tree.map(jnp.array, policy.params.replace(critic=critic))
-
-
-def _check_same(folder: Folder, about: Mapping[str, Any]) -> None:
-    """Refuses a folder with another run.
-
-    Raises:
-        ValueError: another game, network or seed; the message names the first that differs.
-    """
-    was, about = _any_engine(folder.about()), _any_engine(about)
-    for name in ("game", "columns", "net", "seed"):
-        if was.get(name) != about[name]:
-            raise ValueError(
-                f"folder: got {folder.path}, which has a run with {name}={was.get(name)}, not {about[name]}; takes "
-                "that run's, or another folder"
-            )
-
-
-def _any_engine(about: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns what a run trains without the engine that it steps on: what was learnt travels between machines."""
-    game = about.get("game")
-    config = {name: value for name, value in game["config"].items() if name != "impl"} if game else {}
-    return {**about, "game": game and {**game, "config": config}}

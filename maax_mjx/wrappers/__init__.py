@@ -18,6 +18,7 @@ from maax_mjx.wrappers.split import SplitObservations
 from maax_mjx.wrappers.stats import TrackStats
 from maax_mjx.wrappers.tag import Tag
 from maax_mjx.wrappers.teams import TeamMembership
+from maax_mjx.wrappers.tools import TrackTools
 from maax_mjx.wrappers.wrapper import (
     ActionWrapper,
     ObservationWrapper,
@@ -56,6 +57,7 @@ __all__ = [
     "Tag",
     "TeamMembership",
     "TrackStats",
+    "TrackTools",
     "Wrapper",
     "extended",
     "find",

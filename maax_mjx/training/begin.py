@@ -1,0 +1,66 @@
+"""What a run begins with: its game, the weights of another run, and that its folder is its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.tasks import config_of, make
+from maax_mjx.tasks.config import field_names
+from maax_mjx.training.config import TrainConfig
+from maax_mjx.training.folder import Folder
+from maax_mjx.training.network import Network, Weights
+from maax_mjx.training.policy import check_fits, check_policy
+
+
+def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
+    """Makes the game with the preset's fields, of those that it has, and the user's."""
+    if not isinstance(game, str):
+        if env:
+            raise ValueError(f"env: got {sorted(env)} with an environment; takes fields only with a name")
+        return check_environment(game)
+    known = field_names(config_of(game))
+    return make(game, **({name: value for name, value in config.env.items() if name in known} | dict(env or {})))
+
+
+def taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
+    """Returns the weights of a policy for another run; a critic that it lacks is drawn.
+
+    Raises:
+        ValueError: a policy of other networks.
+    """
+    mine = check_policy(policy).network
+    if mine.net != network.net:
+        raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")
+    check_fits(mine, network)
+    drawn = network.draw(key)
+    same = jax.tree.map(jnp.shape, policy.params.critic) == jax.tree.map(jnp.shape, drawn.critic)
+    critic = policy.params.critic if same else drawn.critic
+    # In memory of their own, since they are donated.
+    return jax.tree.map(jnp.array, policy.params.replace(critic=critic))
+
+
+def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
+    """Refuses a folder with another run.
+
+    Raises:
+        ValueError: another game, network or seed; the message names the first that differs.
+    """
+    was, about = _any_engine(folder.about()), _any_engine(about)
+    for name in ("game", "columns", "net", "seed"):
+        if was.get(name) != about[name]:
+            raise ValueError(
+                f"folder: got {folder.path}, which has a run with {name}={was.get(name)}, not {about[name]}; takes "
+                "that run's, or another folder"
+            )
+
+
+def _any_engine(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what a run trains without the engine that it steps on: what was learnt travels between machines."""
+    game = about.get("game")
+    config = {name: value for name, value in game["config"].items() if name != "impl"} if game else {}
+    return {**about, "game": game and {**game, "config": config}}
