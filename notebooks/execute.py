@@ -12,7 +12,7 @@ import nbformat
 from nbclient import NotebookClient
 
 HERE = Path(__file__).parent
-NAMES = ("quickstart", "worlds", "hide_and_seek", "benchmarks", "multi_device")
+NAMES = ("quickstart", "worlds", "hide_and_seek", "training", "benchmarks", "multi_device")
 SECONDS = 900
 """That a cell may take."""
 KERNEL = {

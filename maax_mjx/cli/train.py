@@ -15,7 +15,6 @@ from maax_mjx import training
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import Seed, names, report, value_of, values_of
 from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
-from maax_mjx.common.progress import progress
 from maax_mjx.common.whole import whole
 from maax_mjx.tasks.config import from_plain
 from maax_mjx.training.folder import RUN, Folder
@@ -77,37 +76,27 @@ def train(args: Train, env: Mapping[str, str]) -> None:
     """
     check_fields(args)
     args, fields = _went_on(args, env)
+    minutes = args.minutes or (None if args.steps else DEFAULT_MINUTES)
     with Interrupt() as interrupt:
-        bar = progress(total=None, unit="step", desc="compiling", unit_scale=True, mininterval=0.5)
-        trainer = training.Trainer(
-            args.game,
-            args.out or Path("runs") / args.game,
-            args.preset or default_preset(),
-            args.worlds,
-            devices=int(args.devices) if args.devices.isdigit() else args.devices,
-            seed=args.seed,
-            begin_from=None if args.begin_from is None else training.Policy.load(args.begin_from),
-            env=fields,
-            **{name: value_of(text) for name, text in args.settings.items()},
-            **{name: getattr(args, name) for name in SWITCHES if getattr(args, name) is not None},
-        )
-        minutes = args.minutes or (None if args.steps else DEFAULT_MINUTES)
-        bar.total = args.steps
-        bar.update(trainer.steps)
-        begun = trainer.seconds
+        with training.Bar(minutes, args.steps) as bar:
+            trainer = training.Trainer(
+                args.game,
+                args.out or Path("runs") / args.game,
+                args.preset or default_preset(),
+                args.worlds,
+                devices=int(args.devices) if args.devices.isdigit() else args.devices,
+                seed=args.seed,
+                begin_from=None if args.begin_from is None else training.Policy.load(args.begin_from),
+                env=fields,
+                **{name: value_of(text) for name, text in args.settings.items()},
+                **{name: getattr(args, name) for name in SWITCHES if getattr(args, name) is not None},
+            )
 
-        def on_iteration(now: training.Progress) -> bool:
-            interrupt.keep()
-            bar.set_description_str(f"{trainer.config.worlds} worlds")
-            left = None if minutes is None else max(0.0, minutes - (now.seconds - begun) / 60)
-            if args.steps is None and left is not None:
-                bar.total = int(now.steps + 60 * left * now.metrics.get("env_steps_per_s", 0.0))
-            bar.set_postfix_str(_words(now, left))
-            bar.update(now.steps - bar.n)
-            return not interrupt.asked
+            def on_iteration(now: training.Progress) -> bool:
+                interrupt.keep()
+                return not interrupt.asked
 
-        with bar:
-            run = trainer.run(minutes, args.steps, on_iteration)
+            run = trainer.run(minutes, args.steps, bar.of(trainer, on_iteration))
         files = _replay(trainer, run)
     result = _result(run, files)
     report(result, args.json, "\n".join(f"  {name:15} {value}" for name, value in result.items()))
@@ -148,18 +137,6 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in SWITCHES},
     )
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
-
-
-def _words(now: training.Progress, left: float | None) -> str:
-    """The end of the bar: speed, score, divergence, what is left."""
-    numbers = now.metrics
-    words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
-    if numbers.get("episodes") and "episode_caught" in numbers:
-        words.append(f"caught {numbers['episode_caught']:.2f}")
-    words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in numbers.items() if name.startswith("return_")]
-    if left is not None:
-        words.append(f"{left:.1f} min left")
-    return ", ".join(words)
 
 
 def _replay(trainer: training.Trainer, run: training.Run) -> list[str]:

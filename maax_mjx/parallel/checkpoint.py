@@ -22,7 +22,6 @@ from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.saved import (
     ABOUT,
-    BOX,
     STATES,
     about_worlds,
     as_key,
@@ -32,6 +31,7 @@ from maax_mjx.parallel.saved import (
     keyless,
     name_of,
     named,
+    unboxed,
 )
 from maax_mjx.parallel.shards import AXIS
 from maax_mjx.parallel.worlds import Worlds
@@ -176,7 +176,7 @@ class Checkpoints:
         if worlds is not None:
             arrays = _resized(worlds, found[STATES]) if resized else found[STATES]
             states = _states_of(worlds, arrays)
-        return states, {name: jax.tree.map(as_key, found[name][BOX], tree) for name, tree in others.items()}
+        return states, {name: unboxed(found[name], tree) for name, tree in others.items()}
 
     def _found(self, number: int | None) -> int:
         """Returns the number of a save, the latest if None.

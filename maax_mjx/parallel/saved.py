@@ -44,8 +44,17 @@ def check_others(others: dict[str, Any]) -> None:
 
 
 def boxed(others: dict[str, Any]) -> dict[str, Any]:
-    """Wraps each tree in a dict, since Orbax does not take single arrays."""
-    return {name: {BOX: keyless(tree)} for name, tree in others.items()}
+    """Wraps each tree in a dict, since Orbax does not take single arrays; a number stands for each empty array."""
+
+    def full(x: Any) -> Any:
+        return x if np.size(x) else np.zeros(1, x.dtype)
+
+    return {name: {BOX: jax.tree.map(full, keyless(tree))} for name, tree in others.items()}
+
+
+def unboxed(found: Any, like: Any) -> Any:
+    """Returns a tree that was `boxed`, with the keys and empty arrays of `like`."""
+    return jax.tree.map(lambda x, y: as_key(x, y) if np.size(y) else np.zeros(np.shape(y), y.dtype), found[BOX], like)
 
 
 def _is_key(x: Any) -> bool:

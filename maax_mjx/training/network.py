@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -100,6 +101,7 @@ class Network:
         # In separate memory, since it is donated.
         return Memory(*(jnp.zeros((n_worlds, self.n_agents, memory_size(self.net))) for _ in range(2)))
 
+    @partial(jax.jit, static_argnums=0)
     def draw(self, key: jax.Array) -> Weights:
         """Draws weights."""
         features = self.spec.shapes(self.n_agents)

@@ -173,6 +173,12 @@ def check_fits(mine: Network, other: Network) -> None:
                 f"policy: it reads {_columns(here.get(name))} of {name!r}, and env has {_columns(there.get(name))}; "
                 "takes an environment with the same columns"
             )
+    for kind, new in zip(mine.spec.kinds, other.spec.kinds, strict=True):
+        if kind.n != new.n and mine.net.encoder == "flat":
+            raise ValueError(
+                f"policy: its encoder is 'flat' and reads {kind.n} entities of {kind.name!r}, and env has {new.n}; "
+                "takes as many, or a policy that pools or attends"
+            )
     if mine.spec.n_rays != other.spec.n_rays:
         raise ValueError(
             f"policy: it reads {mine.spec.n_rays} rays, and env has {other.spec.n_rays}; takes as many, lidar.n_rays"

@@ -10,7 +10,7 @@ from maax_mjx.cli import main
 
 pytestmark = pytest.mark.slow
 
-SMALL = ["--worlds", "4", "--net.width", "8", "--net.hidden", "8", "--net.heads", "2"]
+SMALL = ["--worlds", "4", "--net.encoder", "flat", "--net.core", "none", "--net.hidden", "8"]
 SMALL += ["--ppo.unroll", "4", "--ppo.chunk", "2", "--ppo.epochs", "1"]
 GAME = ["--env.n_boxes", "0", "--env.n_ramps", "0", "--env.horizon", "8", "--env.scenario", "empty"]
 
@@ -23,14 +23,17 @@ def printed(capsys, *words):
 
 def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first = printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "32", "--out", "runs/tag")
+    first = printed(
+        capsys, "train", "tag", *SMALL, *GAME, "--steps", "32", "--out", "runs/tag", "--tensorboard", "True"
+    )
     assert (first["iterations"], first["steps"]) == (2, 32)
     folder = tmp_path / "runs" / "tag"
-    assert {"run.json", "metrics.jsonl", "curves.png", "policy", "past", "replay.html"} <= {
+    assert {"run.json", "metrics.jsonl", "curves.png", "policy", "past", "replay.html", "tensorboard"} <= {
         file.name for file in folder.iterdir()
     }
     more = printed(capsys, "train", "runs/tag", "--steps", "48")
     assert (more["iterations"], more["steps"]) == (3, 48)
+    assert len(list((folder / "tensorboard").iterdir())) == 2, "it goes on with what it was begun with"
     matches = printed(capsys, "evaluate", "runs/tag", "--against", "random", "--episodes", "4", "--impl", "c")
     assert [match["opponent"] for match in matches] == ["random"] * len(matches)
     seen = printed(capsys, "rollout", "tag", "--policy", "runs/tag", "--worlds", "4", "--steps", "8", "--impl", "c")

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 
 import pytest
 from helpers.pages import BLOCKS, PAGES, PRINTED
 from helpers.pages import run as run_block
 
+import maax_mjx.cli.rollout  # noqa: F401
+import maax_mjx.viewer.render  # noqa: F401
 from maax_mjx.cli import main
 from maax_mjx.layout import scenarios
 from maax_mjx.tasks import registry
+
+# The modules: the packages have functions of these names.
+rollout, render = (sys.modules[f"maax_mjx.{name}"] for name in ("cli.rollout", "viewer.render"))
 
 (DESCENT,) = [name for name, block in BLOCKS.items() if "jax.value_and_grad" in block]
 (LEARNT,) = [name for name, block in BLOCKS.items() if "class ActorCritic" in block]
@@ -54,8 +60,10 @@ COMMANDS = [
 
 @pytest.mark.slow
 def test_commands(tmp_path, monkeypatch, capsys):
-    """Those of the README, one after the other in one folder."""
+    """Those of the README, one after the other in one folder, with fewer pictures in the films."""
     assert len(COMMANDS) > 5
+    monkeypatch.setattr(rollout, "MAX_FRAMES", 25)
+    monkeypatch.setattr(render, "GIF_FPS", 4)
     monkeypatch.chdir(tmp_path)
     for line in COMMANDS:
         code = None

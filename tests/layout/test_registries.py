@@ -199,20 +199,41 @@ def places(fn, scenario="tri"):
     return drawn(base(scenario, agents=maax.Agents(2, [fn, maax.uniform_placement])))
 
 
-def test_placements_by_name():
-    for name, fn in (
-        ("uniform", maax.uniform_placement),
-        ("centre", maax.centre_placement),
-        ("middle", maax.middle_placement(0.5)),
-        ("room2", maax.room_placement(2)),
-    ):
-        want, got = places(fn), places(placement_by_name(name))
-        np.testing.assert_array_equal(got.obs["agent_pos"], want.obs["agent_pos"], name)
-    for name, fn in (("quad", maax.quad_placement), ("outside_quad", maax.outside_quad_placement)):
-        want, got = places(fn, "var_quad"), places(placement_by_name(name), "var_quad")
-        np.testing.assert_array_equal(got.obs["agent_pos"], want.obs["agent_pos"], name)
-        anywhere = places(maax.uniform_placement, "half").obs["agent_pos"]
-        np.testing.assert_array_equal(places(placement_by_name(name), "half").obs["agent_pos"], anywhere, name)
+class Weights(maax.Module):
+    """Notes the weights that placement functions give to the places of a thing of 2 x 3 cells."""
+
+    name = "weights"
+
+    def __init__(self, fns):
+        self._fns = fns
+
+    def layout_step(self, key, layout, params):
+        weights = jnp.stack([jnp.asarray(fn(layout, jnp.array([2, 3])), float) for fn in self._fns])
+        return layout.replace(sites=layout.sites | {"weights": weights})
+
+
+@pytest.mark.parametrize(
+    ("scenario", "named"),
+    [
+        (
+            "tri",
+            {
+                "uniform": maax.uniform_placement, "centre": maax.centre_placement,
+                "middle": maax.middle_placement(0.5), "room2": maax.room_placement(2),
+            },
+        ),
+        ("var_quad", {"quad": maax.quad_placement, "outside_quad": maax.outside_quad_placement}),
+        # Where there is no quadrant, anywhere.
+        ("half", {"quad": maax.uniform_placement, "outside_quad": maax.uniform_placement}),
+    ],
+)  # fmt: skip
+def test_placements_by_name(scenario, named):
+    fns = [fn for name, wanted in named.items() for fn in (placement_by_name(name), wanted)]
+    weights = np.asarray(drawn(base(scenario, Weights(fns))).world.sites["weights"])
+    np.testing.assert_array_equal(weights[:, ::2], weights[:, 1::2])
+    assert weights.any(axis=(-2, -1)).all()
+    different = {x.tobytes() for x in weights[0, ::2]}
+    assert len(different) == (1 if scenario == "half" else len(named)), "each name is a place of its own"
 
 
 def test_what_goes_into_the_quadrant_by_name_must_fit():

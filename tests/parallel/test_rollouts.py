@@ -285,6 +285,18 @@ def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capf
         maax.Checkpoints(folder).restore(worlds, params=np.zeros(3))
 
 
+def test_empty_arrays_and_keys_come_back(tmp_path):
+    """Networks without a memory have one of no numbers, which Orbax does not take."""
+    tree = {"memory": np.zeros((3, 0), np.float32), "key": jax.random.key(1), "n": np.arange(2)}
+    saves = maax.Checkpoints(tmp_path)
+    saves.save(1, learner=tree)
+    _, found = saves.restore(learner=jax.tree.map(lambda x: x, tree))
+    back = found["learner"]
+    assert (back["memory"].shape, back["memory"].dtype) == ((3, 0), np.float32)
+    assert (jax.random.key_data(back["key"]) == jax.random.key_data(tree["key"])).all()
+    np.testing.assert_array_equal(back["n"], [0, 1])
+
+
 def test_reads_that_fail_side_by_side_are_not_logged(worlds, start, tmp_path, monkeypatch, caplog):
     """Which of a damaged save's arrays fail after the first depends on the threads; asyncio logs them as they go."""
 

@@ -93,7 +93,7 @@ def test_own_kinematics_equal_those_of_mjx(free):
     state = jax.jit(env.reset)(seeds.key(0))
     qpos = np.array(state.data.qpos)
     qpos += seeds.rng(0).normal(size=qpos.shape).astype(np.float32)
-    data = env.engine.pose(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
+    data = jax.jit(env.engine.pose)(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
     model, truth = in_plain_mujoco(env, state, None)
     truth.qpos[:] = qpos
     mujoco.mj_kinematics(model, truth)

@@ -61,7 +61,8 @@ def played(worlds, start):
     network = Network.of(worlds.env, NetConfig(core="lstm", **SMALL))
     weights = network.draw(seeds.key(3))
     # Last layers begin near zero, where every action is as likely as another.
-    weights = jax.tree.map(lambda x: x + 0.3 * jax.random.normal(seeds.key(4), x.shape), weights)
+    rng = seeds.rng(4)
+    weights = jax.tree.map(lambda x: np.asarray(x) + (0.3 * rng.normal(size=x.shape)).astype(x.dtype), weights)
     play = jax.jit(partial(collect, worlds.env, network, ppo=PPO))
     memory = Remembered(network.memory(N), ())
     _, _, batch, before = play(weights, None, jnp.arange(N), start, memory, seeds.key(5))
@@ -75,9 +76,11 @@ def test_before_the_first_update_the_ratio_is_one(played):
     features, begins, action, chances, values = jax.tree.map(
         lambda x: jnp.swapaxes(x, 0, 1), (rows.features, rows.begins, rows.action, rows.log_prob, rows.target)
     )
-    out, _ = network.actor(weights, features, rows.memory.actor, begins)
-    value, _ = network.critic(weights, features, rows.memory.critic, begins)
-    np.testing.assert_allclose(jnp.exp(log_prob(network.heads, out, action) - chances), 1.0, atol=1e-5)
+    out, _ = jax.jit(network.actor)(weights, features, rows.memory.actor, begins)
+    value, _ = jax.jit(network.critic)(weights, features, rows.memory.critic, begins)
+    np.testing.assert_allclose(
+        jnp.exp(jax.jit(partial(log_prob, network.heads))(out, action) - chances), 1.0, atol=1e-5
+    )
     np.testing.assert_allclose(value, values, atol=1e-5)
     assert float(jnp.std(chances)) > 0.1, "actions differ in how likely they are"
 

@@ -17,7 +17,8 @@ from helpers import toys
 from maax_mjx import training
 
 ROOT = Path(__file__).parents[2]
-SMALL = {"net.width": 8, "net.hidden": 8, "net.heads": 2, "ppo.unroll": 4, "ppo.chunk": 2, "ppo.minibatches": 2}
+SMALL = {"net.encoder": "flat", "net.core": "none", "net.hidden": 8, "ppo.unroll": 4, "ppo.minibatches": 2}
+SMALL |= {"ppo.chunk": 2, "ppo.epochs": 1}
 WORLDS, STEPS = 8, 3 * 32
 CODE = f"""
 import sys

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +14,7 @@ from helpers import seeds
 from maax_mjx.training.actions import Head
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Network
+from maax_mjx.training.policy import check_fits
 from maax_mjx.training.spec import Features, Kind, Part, Spec
 
 T, N, A = 6, 3, 4
@@ -56,7 +60,7 @@ def draw_features(seed=0):
 def loud(weights, seed=1):
     """Weights of some size everywhere: last layers begin near zero, where nothing could be told apart."""
     rng = seeds.rng(seed)
-    return jax.tree.map(lambda x: x + jnp.asarray(rng.normal(size=x.shape) * 0.3, x.dtype), weights)
+    return jax.tree.map(lambda x: np.asarray(x) + (rng.normal(size=x.shape) * 0.3).astype(x.dtype), weights)
 
 
 def begins(*at):
@@ -66,6 +70,11 @@ def begins(*at):
 def both(net, weights, features, memory=None, begun=None):
     memory = net.memory(N) if memory is None else memory
     begun = begins() if begun is None else begun
+    return applied(net, weights, features, memory, begun)
+
+
+@partial(jax.jit, static_argnums=0)
+def applied(net, weights, features, memory, begun):
     out, actor = net.actor(weights, features, memory.actor, begun)
     value, critic = net.critic(weights, features, memory.critic, begun)
     return (out, value), (actor, critic)
@@ -75,9 +84,10 @@ def assert_close(a, b, atol=1e-5):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=atol), a, b)
 
 
-@pytest.mark.parametrize("share", ["all", "team"])
-@pytest.mark.parametrize("core", CORES)
-@pytest.mark.parametrize("encoder", ENCODERS)
+@pytest.mark.parametrize(
+    ("encoder", "core", "share"),
+    [*((encoder, core, "all") for encoder in ENCODERS for core in CORES), ("pool", "lstm", "team")],
+)
 def test_in_chunks_or_at_once_is_the_same(encoder, core, share):
     net, features, begun = network(encoder, core, share), draw_features(), begins((0, 1), (2, 0), (4, 1), (4, 2))
     weights = loud(net.draw(seeds.key(0)))
@@ -147,6 +157,42 @@ def test_entities_of_a_kind_have_no_order(encoder):
     locks, other_locks = (x["lock"].reshape(T, N, A, 5, 2) for x in (out, other))
     assert_close(locks[..., np.array([*order, 3, 4]), :], other_locks)
     assert not np.allclose(locks[..., :3, :], other_locks[..., :3, :], atol=1e-3), "boxes differ"
+
+
+@pytest.mark.parametrize("encoder", ["pool", "attend"])
+def test_another_number_of_entities_is_read_by_the_same_parameters(encoder):
+    """With two boxes and an agent more, which nobody sees: all decides as without; a seen one changes it."""
+    net, features = network(encoder), draw_features()
+    weights = loud(net.draw(seeds.key(0)))
+    kinds = tuple(replace(kind, n=kind.n + (2 if kind.name == "box" else 1)) for kind in SPEC.kinds)
+    heads = (replace(HEADS[0], n=8, shape=(8,), kinds=(("box", 5), ("ramp", 3))), *HEADS[1:])
+    wider = Network(replace(SPEC, kinds=kinds), heads, net.net, net.teams)
+    check_fits(net, wider)
+
+    def more(tree, fill):
+        added = {"other": 1, "box": 2, "ramp": 1}
+        pads = {k: [(0, 0)] * 3 + [(0, n)] + [(0, 0)] * (tree[k].ndim - 4) for k, n in added.items()}
+        return {k: jnp.pad(x, pads[k], constant_values=fill) for k, x in tree.items()}
+
+    others = features.replace(
+        entities=more(features.entities, 0.7), seen=more(features.seen, False), known=more(features.known, False)
+    )
+    (out, value), _ = both(net, weights, features)
+    (same, same_value), _ = both(wider, weights, others)
+    assert_close((out["move"], value), (same["move"], same_value))
+    locks, same_locks = out["lock"].reshape(T, N, A, 5, 2), same["lock"].reshape(T, N, A, 8, 2)
+    assert_close(locks, same_locks[..., np.array([0, 1, 2, 5, 6]), :])
+    seen = others.replace(seen=more(features.seen, True), known=more(features.known, True))
+    (changed, _), _ = both(wider, weights, seen)
+    assert not np.allclose(out["move"], changed["move"], atol=1e-3)
+
+
+def test_a_flat_encoder_takes_as_many_entities_as_it_learnt_with():
+    net = network("flat")
+    kinds = tuple(replace(kind, n=kind.n + 1) for kind in SPEC.kinds)
+    wider = Network(replace(SPEC, kinds=kinds), HEADS, net.net, net.teams)
+    with pytest.raises(ValueError, match="its encoder is 'flat' and reads 3 entities of 'other', and env has 4"):
+        check_fits(net, wider)
 
 
 def test_teams_may_have_parameters_of_their_own():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -12,13 +13,14 @@ import jax
 import numpy as np
 import pytest
 from helpers import toys
+from tensorboardX.proto.event_pb2 import Event
 
 import maax_mjx as maax
 from maax_mjx import training
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
-    "net.width": 8, "net.hidden": 8, "net.heads": 2, "ppo.unroll": 4, "ppo.chunk": 2, "ppo.minibatches": 2,
+    "net.encoder": "flat", "net.core": "gru", "net.hidden": 8, "ppo.unroll": 4, "ppo.chunk": 2, "ppo.minibatches": 2,
     "ppo.epochs": 1, "league.every": 2,
 }  # fmt: skip
 N, FEW = 8, 6
@@ -47,7 +49,7 @@ def trainer(folder, impl="c", **changed):
 def run(tmp_path_factory):
     """A run of six iterations."""
     folder = tmp_path_factory.mktemp("run") / "echo"
-    mine = trainer(folder)
+    mine = trainer(folder, tensorboard=True)
     seen = []
     done = mine.run(steps=FEW * PER_ITERATION, on_iteration=lambda now: seen.append(now.iteration))
     assert seen == list(range(1, FEW + 1))
@@ -67,6 +69,28 @@ def test_the_folder_has_all_of_it(run):
     # One before anything was learnt, and one every other iteration.
     assert [int(x.name) for x in sorted((done.folder / "past").iterdir())] == [PER_ITERATION * i for i in (0, 2, 4, 6)]
     assert done.policy.steps == training.Policy.load(done.folder).steps == FEW * PER_ITERATION
+
+
+def test_tensorboard_gets_every_number_at_its_step(run):
+    """Read as TensorFlow's records: a length, a checksum of it, an event, a checksum of that."""
+    (file,) = (run[1].folder / "tensorboard").iterdir()
+    data, found = file.read_bytes(), {}
+    while data:
+        (size,) = struct.unpack("<Q", data[:8])
+        event = Event.FromString(data[12 : 12 + size])
+        found |= {(value.tag, event.step): value.simple_value for value in event.summary.value}
+        data = data[16 + size :]
+    rows = run[0].folder.rows()
+    for row in rows:
+        assert found["run/kl", row["steps"]] == pytest.approx(row["kl"], rel=1e-5)
+        assert found["return/hiders", row["steps"]] == pytest.approx(row["return_hiders"], rel=1e-5)
+    assert {step for _, step in found} == {row["steps"] for row in rows}
+
+
+def test_without_tensorboardx_a_sentence_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    with pytest.raises(maax.MissingLibraryError, match=r'pip install "maax_mjx\[tensorboard\]"'):
+        trainer(tmp_path / "run", tensorboard=True)
 
 
 @pytest.mark.slow
@@ -109,7 +133,7 @@ def test_what_was_learnt_travels_without_its_worlds(run, tmp_path):
 def test_other_runs_are_refused(run, tmp_path):
     folder = run[1].folder
     with pytest.raises(ValueError, match=r"folder: got .* which has a run with net=.*takes that run's, or another"):
-        trainer(folder, **{"net.core": "gru"})
+        trainer(folder, **{"net.core": "lstm"})
     with pytest.raises(ValueError, match=r"folder: got .* which has a run with seed=0, not 1"):
         training.Trainer(toys.echo(), folder, "laptop", N, seed=1, **SMALL)
     (tmp_path / "mine.txt").write_text("mine")
@@ -169,7 +193,9 @@ def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
         assert match.episodes == 64
         assert abs(match.score.mean) <= 1
         assert 0 < match.score.margin < 0.5
-    assert "random" in str(found)
+    assert set(found.ratings) == {"self", "random", f"{run[1].folder}@0"}
+    assert found.ratings["self"].points == 0
+    assert "ratings: " in str(found)
     with pytest.raises(ValueError, match=r"against: got 'chaes'.*chase"):
         training.evaluate(run[1].policy, ["chaes"], env=env)
     with pytest.raises(ValueError, match="got 'many' after the @; takes a number of steps, such as 50M"):

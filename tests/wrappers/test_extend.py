@@ -189,7 +189,7 @@ def test_agents_turn_the_door_of_the_page_and_light_fades():
         return turned * side, is_at_door, after.obs["battery"][:, 0], after.metrics["physics_fault"]
 
     keys = jax.random.split(seeds.key(5), 8)
-    turned, is_at_door, left, fault = jax.vmap(play)(keys, jnp.array([1.0, -1.0] * 4))
+    turned, is_at_door, left, fault = jax.jit(jax.vmap(play))(keys, jnp.array([1.0, -1.0] * 4))
     assert is_at_door.all()
     assert (turned > 0.2)[~fault].all()
     np.testing.assert_allclose(left[:, 0], 1 - 6 * env.base.dt / 4, atol=1e-5)  # full force on one axis

@@ -103,7 +103,7 @@ def spread(env, state):
         module = env.base.modules[name]
         ids, there = module.qpos_ids[:, :2], state.world.active[module.kind][:, None]
         qpos = qpos.at[ids].set(jnp.where(there, jnp.array(xy), qpos[ids]))
-    return state.replace(data=env.base.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
+    return state.replace(data=jax.jit(env.base.engine.pose)(state.world.fields, state.data.replace(qpos=qpos)))
 
 
 LIMITS = {("equality", False): (0.5, 0.1), ("joint_range", False): (5.0, 0.7), ("equality", True): (5.0, 0.7)}

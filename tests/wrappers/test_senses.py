@@ -104,13 +104,17 @@ def test_frames_ranges_and_compression():
     state = jax.jit(env.reset)(seeds.key(0))
     agents = env.agents
     qpos = state.data.qpos.at[agents.qpos_ids[0]].set(jnp.array([2.0, 3.0, 0.15, 0.3]))
-    state = state.replace(data=env.engine.pose(state.world.fields, state.data.replace(qpos=qpos)))
-    world = maax.Lidar(env, 4, range=3.5).observation(state)["lidar"][0, :, 0]
+    state = state.replace(data=jax.jit(env.engine.pose)(state.world.fields, state.data.replace(qpos=qpos)))
+
+    def lidar(n, **options):
+        return jax.jit(maax.Lidar(env, n, **options).observation)(state)["lidar"][0, :, 0]
+
+    world = lidar(4, range=3.5)
     np.testing.assert_allclose(world, [3.5, 2.85, 1.85, 2.85], atol=1e-5)  # walls' faces are at 0.15 and 5.85
     ahead = 0.3 - np.pi / 2
-    own = maax.Lidar(env, 1, range=9, frame="agent").observation(state)["lidar"][0, 0, 0]
-    np.testing.assert_allclose(own, 2.85 / -np.sin(ahead), atol=1e-4)
-    small = maax.Lidar(env, 4, range=3.5, compress=2.0).observation(state)["lidar"][0, :, 0]
+    own = lidar(1, range=9, frame="agent")
+    np.testing.assert_allclose(own[0], 2.85 / -np.sin(ahead), atol=1e-4)
+    small = lidar(4, range=3.5, compress=2.0)
     np.testing.assert_allclose(small, 2 * np.tanh(np.asarray(world) / 2), atol=1e-6)
 
 

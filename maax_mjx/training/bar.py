@@ -1,0 +1,68 @@
+"""The progress bar of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from maax_mjx.common.progress import progress
+from maax_mjx.training.run import Progress, Trainer
+
+
+class Bar:
+    """A bar on stderr with a run's speed, scores and what is left; used as a context.
+
+    Example:
+        with Bar(minutes=10) as bar:
+            trainer = Trainer("tag", "runs/tag")
+            trainer.run(10, on_iteration=bar.of(trainer))
+
+    Args:
+        minutes, steps: when the run ends, as of `train`.
+    """
+
+    def __init__(self, minutes: float | None = None, steps: int | None = None):
+        self._minutes, self._steps = minutes, steps
+        self._bar = progress(total=steps, unit="step", desc="compiling", unit_scale=True, mininterval=0.5)
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def of(self, trainer: Trainer, then: Callable[[Progress], Any] | None = None) -> Callable[[Progress], Any]:
+        """Returns what a run calls after every iteration.
+
+        Args:
+            trainer: the run, before its first iteration.
+            then: called after the bar is drawn; its result is that of the returned function.
+        """
+        begun = trainer.seconds
+        self._bar.update(trainer.steps)
+
+        def after(now: Progress) -> Any:
+            self._draw(now, trainer.config.worlds, (now.seconds - begun) / 60)
+            return None if then is None else then(now)
+
+        return after
+
+    def _draw(self, now: Progress, worlds: int, spent: float) -> None:
+        left = None if self._minutes is None else max(0.0, self._minutes - spent)
+        if self._steps is None and left is not None:
+            self._bar.total = int(now.steps + 60 * left * now.metrics.get("env_steps_per_s", 0.0))
+        self._bar.set_description_str(f"{worlds} worlds")
+        self._bar.set_postfix_str(_words(now, left))
+        self._bar.update(now.steps - self._bar.n)
+
+
+def _words(now: Progress, left: float | None) -> str:
+    """The end of the bar: speed, scores, what is left."""
+    numbers = now.metrics
+    words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
+    if numbers.get("episodes") and "episode_caught" in numbers:
+        words.append(f"caught {numbers['episode_caught']:.2f}")
+    words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in numbers.items() if name.startswith("return_")]
+    if left is not None:
+        words.append(f"{left:.1f} min left")
+    return ", ".join(words)

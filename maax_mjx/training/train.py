@@ -1,0 +1,69 @@
+"""Training in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from maax_mjx.common.checks import check_bool
+from maax_mjx.core.env import Environment
+from maax_mjx.parallel.shards import Devices
+from maax_mjx.training.bar import Bar
+from maax_mjx.training.policy import Policy
+from maax_mjx.training.run import Progress, Run, Trainer
+
+
+def train(
+    game: str | Environment,
+    folder: str | Path,
+    preset: str = "gpu",
+    worlds: int | None = None,
+    devices: Devices = "all",
+    minutes: float | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    on_iteration: Callable[[Progress], Any] | None = None,
+    begin_from: Policy | None = None,
+    env: Mapping[str, Any] | None = None,
+    bar: bool = True,
+    **overrides: Any,
+) -> Run:
+    """Trains policies for all teams of a game, against each other.
+
+    A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices.
+
+    Example:
+        run = train("hide_and_seek_quadrant", "runs/quad", preset="gpu", minutes=30, **{"ppo.lr": 1e-4})
+        run.policy.save("quad.policy")
+
+    Args:
+        game: name of a game, or an environment whose agents observe for themselves.
+        folder: where everything is written.
+        preset: settings to start from, see `maax_mjx.training.config`.
+        worlds: number of worlds; None is that of the preset.
+        devices: see `Worlds`.
+        minutes: minutes of training at most in this call, compilation not included.
+        steps: env steps of the whole run at most.
+        seed: of the worlds, the weights and all draws.
+        on_iteration: called after every iteration; a run ends after it returns False.
+        begin_from: a policy that a new run begins with, also of another game with the same columns.
+        env: fields of the game's config to change; only with a name.
+        bar: whether stderr shows the progress.
+        **overrides: settings by dotted name, such as "ppo.lr".
+
+    Returns:
+        The run's folder and its policy.
+
+    Raises:
+        ValueError: an unknown preset or setting, a folder with another run, minibatches that do not divide, or an
+            environment that networks cannot read.
+        FloatingPointError: ten updates in a row that were not finite; the last good save stays.
+        MemoryError: more worlds than fit.
+    """
+    if not check_bool("bar", bar):
+        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, **overrides)
+        return trainer.run(minutes, steps, on_iteration)
+    with Bar(minutes, steps) as shown:
+        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, **overrides)
+        return trainer.run(minutes, steps, shown.of(trainer, on_iteration))
