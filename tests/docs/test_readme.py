@@ -10,7 +10,7 @@ import pytest
 from helpers.pages import BLOCKS, PAGES, PRINTED
 from helpers.pages import run as run_block
 
-import maax_mjx.cli.rollout  # noqa: F401
+import maax_mjx.cli.rollout
 import maax_mjx.viewer.render  # noqa: F401
 from maax_mjx.cli import main
 from maax_mjx.layout import scenarios
