@@ -10,6 +10,7 @@ BENCHMARKS = (
     "gradients",
     "hostile",
     "layouts",
+    "learning",
     "load",
     "memory",
     "objects",

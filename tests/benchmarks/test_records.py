@@ -152,7 +152,11 @@ BEFORE_ENV = ("step_c_cpu", "step_jax_cpu", "step_warp_h200")
 @pytest.mark.parametrize("path", RESULTS, ids=lambda path: path.stem)
 def test_committed_results_are_rows_of_their_benchmark(path):
     """A later run can go on from them, or is refused in a sentence."""
-    kinds = {name: name for name in benchmarks.BENCHMARKS} | {"games": "step", "first": "first_step"}
+    kinds = {name: name for name in benchmarks.BENCHMARKS} | {
+        "games": "step",
+        "first": "first_step",
+        "train": "train_speed",
+    }
     module = import_module(f"maax_mjx.benchmarks.{kinds[path.stem.split('_')[0]]}")
     if path.stem in BEFORE_ENV:
         with pytest.raises(ValueError, match="takes a file with rows of this benchmark"):

@@ -1,0 +1,56 @@
+"""The benchmarks of training at their smallest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from helpers import toys
+
+from maax_mjx import training
+from maax_mjx.benchmarks import learning, train_speed
+from maax_mjx.training import config
+
+
+@pytest.mark.slow
+def test_train_speed(run, folder):
+    toys.register()
+    options = {"env": ("echo",), "impl": ("c",), "worlds": (4,), "preset": "laptop", "turns": 1, "minibatches": (2,)}
+    nets = {"encoder": ("flat", "pool"), "core": ("none",), "epochs": (1,)}
+    rows = run(train_speed, folder / "train_speed_cpu.json", **options, **nets, part=("env", "train"))
+    # The environment alone has no networks, so that it is timed once.
+    assert [(row["part"], row["encoder"], row["epochs"]) for row in rows] == [
+        ("env", "", 0), ("train", "flat", 1), ("train", "pool", 1),
+    ]  # fmt: skip
+    for row in rows:
+        assert row["unroll"] == 40
+        assert 0 < row["env_steps_per_s"] <= row["fastest"]
+    (played,) = run(train_speed, folder / "play_cpu.json", **options, **nets | {"encoder": ("flat",)}, part=("play",))
+    assert played["core"] == "none"
+    assert played["minibatches"] == 0
+
+
+@pytest.mark.slow
+def test_learning(run, folder, monkeypatch):
+    """In the smallest game of hiders and seekers; a run that has had its minutes is not trained again."""
+    small = {"net.encoder": "flat", "net.hidden": 8, "worlds": 4, "ppo.unroll": 10, "ppo.chunk": 10}
+    env = {
+        "n_boxes": 0,
+        "n_ramps": 0,
+        "lock": None,
+        "scenario": "empty",
+        "horizon": 10,
+        "impl": "c",
+        "observations": "ego",
+    }
+    tiny = replace(training.preset("laptop", small | {"ppo.minibatches": 2}), env=env)
+    monkeypatch.setitem(config.PRESETS, "laptop", tiny)
+    options = {"env": ("hide_and_seek",), "seeds": (3,), "minutes": (0.0001,), "episodes": 8, "runs": folder / "runs"}
+    (row,) = run(learning, folder / "learning_cpu.json", **options)
+    assert row["seed"] == 3
+    assert row["steps"] % 40 == 0
+    assert 0 <= row["random"] <= 1
+    assert row["gain"] == pytest.approx(row["seekers"] - row["random"], abs=1e-3)
+    (again,) = run(learning, folder / "again_cpu.json", **options)
+    assert again["steps"] == row["steps"]
+    assert again["seekers"] == row["seekers"]
