@@ -7,6 +7,7 @@ from typing import Any
 
 from maax_mjx.common.progress import progress
 from maax_mjx.training.run import Progress, Trainer
+from maax_mjx.training.stages import stage_of
 
 
 class Bar:
@@ -42,27 +43,30 @@ class Bar:
         self._bar.update(trainer.steps)
 
         def after(now: Progress) -> Any:
-            self._draw(now, trainer.config.worlds, (now.seconds - begun) / 60)
+            self._draw(now, trainer, (now.seconds - begun) / 60)
             return None if then is None else then(now)
 
         return after
 
-    def _draw(self, now: Progress, worlds: int, spent: float) -> None:
+    def _draw(self, now: Progress, trainer: Trainer, spent: float) -> None:
         left = None if self._minutes is None else max(0.0, self._minutes - spent)
         if self._steps is None and left is not None:
             self._bar.total = int(now.steps + 60 * left * now.metrics.get("env_steps_per_s", 0.0))
-        self._bar.set_description_str(f"{worlds} worlds")
-        self._bar.set_postfix_str(_words(now, left))
+        made = trainer.env.made_from
+        stage = stage_of(made.name, now.metrics) if made and now.metrics.get("episodes") else ""
+        self._bar.set_description_str(f"{trainer.config.worlds} worlds")
+        self._bar.set_postfix_str(_words(now, stage, left))
         self._bar.update(now.steps - self._bar.n)
 
 
-def _words(now: Progress, left: float | None) -> str:
-    """The end of the bar: speed, scores, what is left."""
+def _words(now: Progress, stage: str, left: float | None) -> str:
+    """The end of the bar: speed, scores, stage, what is left."""
     numbers = now.metrics
     words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
     if numbers.get("episodes") and "episode_caught" in numbers:
         words.append(f"caught {numbers['episode_caught']:.2f}")
     words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in numbers.items() if name.startswith("return_")]
+    words += [stage] if stage else []
     if left is not None:
         words.append(f"{left:.1f} min left")
     return ", ".join(words)
