@@ -4,6 +4,7 @@ from maax_mjx.training.bar import Bar
 from maax_mjx.training.begin import environment_of
 from maax_mjx.training.config import PRESETS, LeagueConfig, NetConfig, PPOConfig, TrainConfig, preset
 from maax_mjx.training.evaluate import Estimate, Evaluation, Match, as_json, evaluate, player_of
+from maax_mjx.training.interventions import INTERVENTIONS, intervened
 from maax_mjx.training.opponents import SCRIPTED, Scripted
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.ratings import Rating, Result, rate
@@ -11,6 +12,7 @@ from maax_mjx.training.run import Progress, Run, Trainer
 from maax_mjx.training.train import train
 
 __all__ = [
+    "INTERVENTIONS",
     "PRESETS",
     "SCRIPTED",
     "Bar",
@@ -31,6 +33,7 @@ __all__ = [
     "as_json",
     "environment_of",
     "evaluate",
+    "intervened",
     "player_of",
     "preset",
     "rate",

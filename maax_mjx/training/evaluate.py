@@ -101,24 +101,30 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True)
 class Versus:
-    """Two players of one world: the first one's actions for the agents of a team, the second one's for the others.
+    """Two players of one world: the first one's actions for some agents, the second one's for the others.
 
     Attributes:
         first, second: functions `(state, key, memory, params) -> (action, memory)`.
-        mine: for every agent, whether the first plays it.
     """
 
     first: Callable[..., Any]
     second: Callable[..., Any]
-    mine: tuple[bool, ...]
 
     def __call__(self, state: State, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
-        """Plays one step, as policies with a memory do."""
+        """Plays one step, as policies with a memory do.
+
+        Args:
+            state: of one world.
+            key: for both players.
+            memory: of the first and the second player.
+            params: of the first and the second player, and (n_agents,) bool, whom the first plays: an argument, so
+                that one program plays all teams.
+        """
         parts = [
             player(state, jax.random.fold_in(key, i), memory[i], params[i])
             for i, player in enumerate((self.first, self.second))
         ]
-        mine = jnp.asarray(self.mine)
+        mine = params[2]
 
         def chosen(a: jax.Array, b: jax.Array) -> jax.Array:
             return jnp.where(mine.reshape(-1, *[1] * (a.ndim - 1)), a, b)
@@ -224,14 +230,14 @@ def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str
     """Plays the first episode of every world."""
     env, n = worlds.env, worlds.n_worlds
     slots = np.isin(np.arange(env.n_agents), env.teams[team].slots)
-    play = Versus(mine.play, other.play, tuple(bool(x) for x in slots))
+    play = Versus(mine.play, other.play)
     world_key, play_key = jax.random.split(jax.random.key(seed))
     keep = ("terminated", "truncated", "active", "episode_return", "metrics")
     _, kept = worlds.rollout(
         worlds.reset(world_key),
         play,
         env.base.horizon,
-        (mine.params, other.params),
+        (mine.params, other.params, slots),
         key=play_key,
         keep=keep,
         memory=worlds.shards.put((mine.memory(n), other.memory(n))),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax
@@ -41,11 +40,18 @@ class Scripted:
             ValueError: an environment that it cannot play.
         """
         self.check(env)
-        return partial(_play, self.script, env)
+        return ScriptedPlay(self.script, env)
 
 
-def _play(script: Script, env: Environment, state: State, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
-    return script(env, state, key), memory
+@dataclass(frozen=True)
+class ScriptedPlay:
+    """A script in an environment, as a function of one world; equal ones compile once."""
+
+    script: Script
+    env: Environment
+
+    def __call__(self, state: State, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
+        return self.script(self.env, state, key), memory
 
 
 def _random(env: Environment, state: State, key: jax.Array) -> Any:

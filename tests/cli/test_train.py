@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 
 import pytest
 
+from maax_mjx import training
 from maax_mjx.cli import main
 
 pytestmark = pytest.mark.slow
@@ -31,8 +34,24 @@ def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, m
     assert {"run.json", "metrics.jsonl", "curves.png", "policy", "past", "replay.html", "tensorboard"} <= {
         file.name for file in folder.iterdir()
     }
-    more = printed(capsys, "train", "runs/tag", "--steps", "48")
-    assert (more["iterations"], more["steps"]) == (3, 48)
+    iterate = training.Trainer._iteration
+    made = []
+
+    def interrupted(self, first):
+        made.append(iterate(self, first))
+        if len(made) == 2:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.3)  # for the thread that listens
+        return made[-1]
+
+    monkeypatch.setattr(training.Trainer, "_iteration", interrupted)
+    with pytest.raises(SystemExit) as error:
+        main(["train", "runs/tag", "--steps", "4800", "--json"])
+    monkeypatch.setattr(training.Trainer, "_iteration", iterate)
+    assert error.value.code == 130
+    more = json.loads(capsys.readouterr().out)
+    assert (more["iterations"], more["steps"]) == (4, 64), "it ended after the iteration that ran, and told"
+    assert training.Policy.load(folder).steps == 64
     assert len(list((folder / "tensorboard").iterdir())) == 2, "it goes on with what it was begun with"
     matches = printed(capsys, "evaluate", "runs/tag", "--against", "random", "--episodes", "4", "--impl", "c")
     assert [match["opponent"] for match in matches] == ["random"] * len(matches)

@@ -1,0 +1,100 @@
+"""Interventions take away what they say, and nothing else."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import seeds
+
+import maax_mjx as maax
+from maax_mjx import training
+from maax_mjx.training.config import NetConfig
+from maax_mjx.training.network import Network
+from maax_mjx.training.policy import game_of
+
+N = 8
+
+
+@pytest.fixture(scope="module")
+def policy():
+    """An untrained policy of the quadrant, whose episodes are short."""
+    env = maax.make("hide_and_seek_quadrant", impl="c", observations="ego", horizon=10)
+    network = Network.of(env, NetConfig(core="none", width=8, heads=2, hidden=8))
+    return training.Policy(network, jax.device_get(network.draw(jax.random.key(0))), game_of(env))
+
+
+def played(policy, name):
+    """The game, its first states, and those after preparation and at the end of an episode in which all is tried."""
+    env = training.intervened(policy, name)
+    policy.on(env)
+    n_steps = env.base.horizon - 1
+
+    def play(key):
+        def step(state, i):
+            action = env.sample_action(jax.random.fold_in(key, i))
+            action |= {tool: jnp.ones_like(action[tool]) for tool in ("grab", "lock")}
+            state = env.step(state, action)
+            return state, state
+
+        first = env.reset(key)
+        return first, jax.lax.scan(step, first, jnp.arange(n_steps))[1]
+
+    return env, *jax.device_get(jax.jit(jax.vmap(play))(jax.random.split(seeds.key(0), N)))
+
+
+@pytest.mark.slow
+def test_hiders_without_tools_hold_and_lock_nothing(policy):
+    env, _, states = played(policy, "hiders_without_tools")
+    held = states.mechanics["grabs"].held
+    hiders = list(env.teams["hiders"].slots)
+    assert (held[..., hiders] == -1).all()
+    assert not states.mechanics["locks"].locked.any(), "seekers are outside, and boxes in the room"
+    seekers = list(env.teams["seekers"].slots)
+    assert (held[..., seekers] >= -1).all()
+
+
+@pytest.mark.slow
+def test_blind_seekers_see_nothing_and_hiders_do(policy):
+    env, first, states = played(policy, "seekers_blind")
+    hiders, seekers = (list(env.teams[name].slots) for name in ("hiders", "seekers"))
+    for obs in (first.obs, jax.tree.map(lambda x: x[:, -1], states.obs)):
+        lidar = obs["lidar"]
+        assert not lidar[:, seekers].any()
+        assert lidar[:, hiders].any()
+        for name in ("sees_box", "sees_others"):
+            assert name not in obs or not np.asarray(obs[name])[:, seekers].any(), name
+
+
+@pytest.mark.slow
+def test_worlds_without_ramps_have_none(policy):
+    _, first, states = played(policy, "no_ramps")
+    assert not first.world.active["ramp"].any()
+    assert first.world.active["box"].all()
+    assert not states.metrics["max_ramp_move"].any()
+
+
+@pytest.mark.slow
+def test_ramps_go_back_when_preparation_ends(policy):
+    env, end = training.intervened(policy, "ramps_put_back"), 4
+    ids = env.base.modules["ramp"].qpos_ids[0, :2]
+    reset, step = (jax.jit(jax.vmap(function)) for function in (env.reset, env.step))
+    first = state = reset(jax.random.split(seeds.key(0), N))
+    start, still = first.data.qpos[:, ids], jax.vmap(env.sample_action)(first.key)
+    still = jax.tree.map(jnp.zeros_like, still) | {"move": jnp.full_like(still["move"], 5)}
+    for i in range(1, end + 2):
+        # Carried off in the second step and in the one after preparation, by a hand that is not the game's.
+        if i in (2, end + 1):
+            state = state.replace(data=state.data.replace(qpos=state.data.qpos.at[:, ids].add(0.03)))
+        state = step(state, still)
+        away = np.linalg.norm(state.data.qpos[:, ids] - start, axis=1)
+        assert (away > 0.01).mean() > 0.5 if i in (2, 3, end + 1) else (away < 1e-3).all(), i
+    assert not state.metrics["physics_fault"].any()
+    with pytest.raises(ValueError, match="ramps_put_back: got a game in which ramps can be locked"):
+        training.intervened(policy, "ramps_put_back", **{"lock.objects": ("box", "ramp")})
+
+
+def test_an_unknown_intervention_is_refused(policy):
+    with pytest.raises(ValueError, match=r"name: got 'no_ramp'.*no_ramps"):
+        training.intervened(policy, "no_ramp")
