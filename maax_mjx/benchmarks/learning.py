@@ -17,7 +17,7 @@ from pathlib import Path
 from maax_mjx import training
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.annotated import Positive, PositiveCount
+from maax_mjx.common.annotated import Count, Positive, PositiveCount
 from maax_mjx.common.checks import check_choice
 from maax_mjx.training.ratings import LIKELY
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS
@@ -40,7 +40,7 @@ class Config(Options):
 
     env: tuple[str, ...] = ("hide_and_seek_quadrant",)
     preset: tuple[str, ...] = ("laptop",)
-    seeds: tuple[int, ...] = (0, 1, 2)
+    seeds: tuple[Count, ...] = (0, 1, 2)
     minutes: tuple[Positive, ...] = (5.0,)
     episodes: PositiveCount = 1024
     runs: Path = Path("runs") / "learning"

@@ -40,7 +40,12 @@ class Board:
         for name, value in row.items():
             if name not in COUNTERS and value is not None:
                 self._writer.add_scalar(_group(name), value, row["steps"])
-        self._writer.flush()
+
+    def close(self) -> None:
+        """Waits until everything is written: a thread does it. What is added later goes into another file."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
 
 
 def _group(name: str) -> str:

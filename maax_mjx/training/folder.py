@@ -88,6 +88,11 @@ class Folder:
         if self._writes:
             draw_curves(self.rows(), self.path / CURVES)
 
+    def close(self) -> None:
+        """Waits until everything is written."""
+        if self._board:
+            self._board.close()
+
     def keep(self, policy: Policy) -> None:
         """Writes the newest policy."""
         if self._writes:

@@ -155,6 +155,7 @@ class Trainer:
             if progress is not None and not int(self.learner.broken):
                 self.save()
                 self.folder.draw()
+            self.folder.close()
         return Run(self.folder.path, self.policy, progress)
 
     def save(self) -> None:

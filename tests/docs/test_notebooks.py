@@ -19,7 +19,7 @@ execute = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(execute)
 
 NAMES = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
-REPLAYS = ("quickstart", "hide_and_seek")
+REPLAYS = ("quickstart", "hide_and_seek", "training")
 MEGABYTES = 1.5
 KERNEL = {"MAAX_NOTEBOOK_SCALE": "0.02", "PYTHONPATH": str(ROOT)}
 """What a kernel's environment has besides that of the tests."""
