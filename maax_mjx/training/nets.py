@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 
 from maax_mjx.training.actions import Head
@@ -44,7 +45,9 @@ class Tower(nn.Module):
         """
         dtype = jnp.dtype(self.net.compute)
         masks = features.seen if self.heads else features.known
-        parts = [features.own, _lidar(features.rays)] + ([] if self.heads else [features.critic])
+        parts = [features.own] + ([] if self.heads else [features.critic])
+        if features.rays.shape[-1]:
+            parts.insert(1, Lidar(name="lidar")(features.rays))
         own = jnp.concatenate(parts, axis=-1)
         tokens: dict[str, jax.Array] = {}
         if self.net.encoder == "flat":
@@ -82,14 +85,20 @@ class Tower(nn.Module):
         return logits.reshape(*x.shape[:-1], head.width)
 
 
-def _lidar(rays: jax.Array) -> jax.Array:
-    """Returns what a circular convolution makes of rays (..., n_rays, c): (..., n_rays * FILTERS)."""
-    if not rays.shape[-1]:
-        return jnp.zeros((*rays.shape[:-2], 0), rays.dtype)
-    wrapped = jnp.concatenate([rays[..., -1:, :], rays, rays[..., :1, :]], axis=-2)
-    flat = wrapped.reshape(-1, *wrapped.shape[-2:])
-    found = nn.relu(nn.Conv(FILTERS, (KERNEL,), padding="VALID", name="lidar")(flat))
-    return found.reshape(*rays.shape[:-2], -1)
+class Lidar(nn.Module):
+    """A circular convolution over rays (Baker et al.), written as one product with the matrix that it is."""
+
+    @nn.compact
+    def __call__(self, rays: jax.Array) -> jax.Array:
+        """Turns (..., n_rays, c) into (..., n_rays * FILTERS)."""
+        n, c = rays.shape[-2:]
+        kernel = self.param("kernel", nn.initializers.lecun_normal(), (KERNEL, c, FILTERS))
+        bias = self.param("bias", nn.initializers.zeros, (FILTERS,))
+        # Which ray every filter's place reads at every position: (KERNEL, n, n).
+        reads = np.stack([np.roll(np.eye(n, dtype=np.float32), i - KERNEL // 2, axis=0) for i in range(KERNEL)])
+        product = jnp.einsum("kji,kcf->jcif", reads, kernel).reshape(n * c, n * FILTERS)
+        found = rays.reshape(*rays.shape[:-2], n * c) @ product + jnp.tile(bias, n)
+        return nn.relu(found)
 
 
 def _flat(
