@@ -17,7 +17,7 @@ from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
 from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
-from maax_mjx.cli.train import Train, train
+from maax_mjx.cli.train import GROUPS, Train, train
 from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.runtime import is_out_of_memory
@@ -46,10 +46,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "info": Info,
     "bench": Bench,
 }
-
-
-GROUPS = ("ppo", "net", "league")
-"""Groups of settings of `train`."""
 
 
 def main(argv: list[str] | None = None) -> None:

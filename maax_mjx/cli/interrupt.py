@@ -7,20 +7,25 @@ import signal
 import socket
 import sys
 import threading
+import time
 
 from maax_mjx.common.whole import UNFINISHED
 
 EXIT_CODE = 130
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Ctrl-C, and what schedulers of clusters send before they take a machine back."""
+SAME_SECONDS = 1.0
+"""Signals so close together are one: `timeout` and schedulers signal a process and its group."""
 
 
 class Interrupt:
-    """Handles Ctrl-C instead of Python, which would raise during a compilation or a step, and crash there.
+    """Handles Ctrl-C and SIGTERM instead of Python, which would raise during a compilation or a step, and crash there.
 
     Until `keep` is called there is nothing to write, and the process ends at once, compiling or not. After it, the
-    first Ctrl-C sets `asked`, for the work to end and be written, and the second ends the process.
+    first signal sets `asked`, for the work to end and be written, and another one ends the process.
 
     Attributes:
-        asked: whether Ctrl-C was pressed.
+        asked: whether a signal came.
     """
 
     def __init__(self) -> None:
@@ -30,14 +35,15 @@ class Interrupt:
         # The bytes arrive at once, while Python's own handler waits for the compiler to return.
         self._bell, self._ear = socket.socketpair()
         self._bell.setblocking(False)
-        self._handler = signal.signal(signal.SIGINT, lambda *_: None)
+        self._handlers = {which: signal.signal(which, lambda *_: None) for which in SIGNALS}
         self._fd = signal.set_wakeup_fd(self._bell.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._listen, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         signal.set_wakeup_fd(self._fd)
-        signal.signal(signal.SIGINT, self._handler)
+        for which, handler in self._handlers.items():
+            signal.signal(which, handler)
         self._bell.close()
 
     def keep(self) -> None:
@@ -45,12 +51,13 @@ class Interrupt:
         self._keeps = True
 
     def _listen(self) -> None:
+        first = 0.0
         while heard := self._ear.recv(1):
-            if heard[0] != signal.SIGINT:
+            if heard[0] not in SIGNALS or (self.asked and time.monotonic() - first < SAME_SECONDS):
                 continue
             if self.asked or not self._keeps:
                 _leave()
-            self.asked = True
+            self.asked, first = True, time.monotonic()
             _tell(
                 "interrupted: ends the step and writes what was done, which takes some seconds; "
                 "Ctrl-C again leaves without the rest"

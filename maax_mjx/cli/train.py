@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import tyro
@@ -23,6 +23,8 @@ REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
 SHOWN = 2
 """Worlds in the replay."""
+GROUPS = ("ppo", "net", "league")
+"""Groups of settings, set as in --ppo.lr 3e-4."""
 SWITCHES = ("save_worlds", "tensorboard")
 """Options that are settings of the run, which keeps them when it goes on."""
 
@@ -50,7 +52,7 @@ class Train:
     """Folder of the run; by default runs/GAME."""
     seed: Seed = 0
     """Seed of the worlds, the networks and all draws."""
-    begin_from: Path | None = None
+    begin_from: Annotated[Path | None, tyro.conf.arg(name="from")] = None
     """A policy that a new run begins with, also of another game with the same columns."""
     devices: str = "all"
     """How many devices, or all."""
@@ -123,9 +125,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     game, settings = about["game"], about["settings"]
     if game is None:
         raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
-    was = {
-        f"{group}.{name}": str(value) for group in ("ppo", "net", "league") for name, value in settings[group].items()
-    }
+    was = {f"{group}.{name}": str(value) for group in GROUPS for name, value in settings[group].items()}
     gone_on = replace(
         args,
         game=game["game"],

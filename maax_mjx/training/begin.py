@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -34,7 +35,8 @@ def taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
         ValueError: a policy of other networks.
     """
     mine = check_policy(policy).network
-    if mine.net != network.net:
+    # In which type the layers compute is no part of what was learnt.
+    if replace(mine.net, compute=network.net.compute) != network.net:
         raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")
     check_fits(mine, network)
     drawn = network.draw(key)

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from threading import Thread
+from typing import Any, TypeVar, cast
 
 import jax
 import numpy as np
@@ -25,8 +27,20 @@ from maax_mjx.training.policy import Policy
 RUN, METRICS, POLICY, PAST, CURVES, SAVES, SMALL, BOARD = (
     "run.json", "metrics.jsonl", "policy", "past", "curves.png", "saves", "learner", "tensorboard"
 )  # fmt: skip
+Writes = TypeVar("Writes", bound=Callable[..., None])
 PART = 12_000_000
 """Bytes of a file of a small save, at most, unless one array is larger."""
+
+
+def by_the_first(method: Writes) -> Writes:
+    """Makes a method do nothing in all processes but the first one."""
+
+    @wraps(method)
+    def written(self: Folder, *args: Any) -> None:
+        if jax.process_index() == 0:
+            method(self, *args)
+
+    return cast(Writes, written)
 
 
 class Folder:
@@ -43,8 +57,8 @@ class Folder:
 
     def __init__(self, path: str | Path, tensorboard: bool = False):
         self.path = Path(path).absolute()
-        self._writes = jax.process_index() == 0
-        self._board = Board(self.path / BOARD) if tensorboard and self._writes else None
+        self._drawing: Thread | None = None
+        self._board = Board(self.path / BOARD) if tensorboard and jax.process_index() == 0 else None
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -66,37 +80,46 @@ class Folder:
         except (OSError, json.JSONDecodeError) as error:
             raise ValueError(f"folder: got {self.path}, whose {RUN} cannot be read ({error})") from None
 
+    @by_the_first
     def describe(self, about: Mapping[str, Any]) -> None:
         """Writes what the run trains."""
-        if not self._writes:
-            return
         with whole(self.path / RUN) as part:
             part.write_text(json.dumps(about, indent=1) + "\n")
 
+    @by_the_first
     def note(self, row: Mapping[str, Any]) -> None:
         """Appends a row to the metrics."""
-        if not self._writes:
-            return
         plain = {name: _plain(value) for name, value in row.items()}
         with (self.path / METRICS).open("a") as file:
             file.write(json.dumps(plain) + "\n")
         if self._board:
             self._board.add(plain)
 
-    def draw(self) -> None:
-        """Draws the curves of the metrics."""
-        if self._writes:
-            draw_curves(self.rows(), self.path / CURVES)
+    @by_the_first
+    def draw(self, finished: bool = False) -> None:
+        """Draws the curves of the metrics, beside the training; not while it still draws the last ones.
+
+        Args:
+            finished: whether to wait for them, since no other drawing follows.
+        """
+        if self._drawing is not None and (finished or not self._drawing.is_alive()):
+            self._drawing.join()
+            self._drawing = None
+        if self._drawing is None:
+            self._drawing = Thread(target=lambda: draw_curves(self.rows(), self.path / CURVES))
+            self._drawing.start()
+        if finished:
+            self._drawing.join()
 
     def close(self) -> None:
         """Waits until everything is written."""
         if self._board:
             self._board.close()
 
+    @by_the_first
     def keep(self, policy: Policy) -> None:
         """Writes the newest policy."""
-        if self._writes:
-            policy.save(self.path / POLICY)
+        policy.save(self.path / POLICY)
 
     def rows(self) -> list[dict[str, Any]]:
         """Reads the metrics of all iterations; a line that was cut off is left out."""
@@ -108,10 +131,9 @@ class Folder:
                 continue
         return found
 
+    @by_the_first
     def forget(self, iteration: int) -> None:
         """Drops the metrics after an iteration, which a run that goes on from its save makes again."""
-        if not self._writes:
-            return
         kept = [row for row in self.rows() if row["iteration"] <= iteration]
         if len(kept) < len(self._lines()):
             with whole(self.path / METRICS) as part:
@@ -121,10 +143,9 @@ class Folder:
         file = self.path / METRICS
         return file.read_text().splitlines() if file.exists() else []
 
+    @by_the_first
     def keep_past(self, policy: Policy) -> None:
         """Keeps a policy of now among the past ones."""
-        if not self._writes:
-            return
         (self.path / PAST).mkdir(exist_ok=True)
         policy.save(self.path / PAST / f"{policy.steps:015d}")
 
@@ -134,6 +155,7 @@ class Folder:
         files = sorted(folder.iterdir()) if folder.is_dir() else []
         return [(int(file.name), file) for file in files if file.name.isdigit()]
 
+    @by_the_first
     def save_small(self, tree: Any, about: Mapping[str, Any]) -> None:
         """Writes a save that travels: arrays in files of some megabytes.
 
@@ -141,8 +163,6 @@ class Folder:
             tree: the arrays.
             about: numbers to go on with.
         """
-        if not self._writes:
-            return
         folder = self.path / SMALL
         folder.mkdir(exist_ok=True)
         names = []

@@ -27,40 +27,41 @@ TOOLS = ("grab", "lock")
 RAMP = "ramp"
 
 
-class WithoutTools(ActionWrapper):
-    """Lets a team neither grab nor lock.
+class OfTeam(Wrapper):
+    """What is taken away from one team.
 
     Args:
         env: environment to wrap.
         team: name of the team.
     """
 
-    name = "without_tools"
     requires = (TeamMembership,)
 
-    def __init__(self, env: Environment, team: str = HIDERS):
+    def __init__(self, env: Environment, team: str):
         super().__init__(env)
         self._who = jnp.asarray(self.inner(TeamMembership).of(team))
+
+
+class WithoutTools(OfTeam, ActionWrapper):
+    """Lets a team neither grab nor lock; the arguments are those of `OfTeam`."""
+
+    name = "without_tools"
 
     def action(self, state: State, action: Any) -> Any:
         tools = {name: jnp.asarray(part) for name, part in action.items() if name in TOOLS}
         return {**action, **null_rows(tools, self._who)}
 
 
-class Blinded(StateWrapper):
+class Blinded(OfTeam, StateWrapper):
     """Zeroes what a team senses, as `PreparationPhase(blind=True)` does while it waits.
 
-    Args:
-        env: environment to wrap.
-        team: name of the team.
+    The arguments are those of `OfTeam`.
     """
 
     name = "blinded"
-    requires = (TeamMembership,)
 
-    def __init__(self, env: Environment, team: str = SEEKERS):
-        super().__init__(env)
-        self._who = jnp.asarray(self.inner(TeamMembership).of(team))
+    def __init__(self, env: Environment, team: str):
+        super().__init__(env, team)
         self._senses = [layer for layer in env.layers if layer.senses]
 
     def observe(self, state: State) -> State:

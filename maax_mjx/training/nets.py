@@ -11,6 +11,7 @@ from flax import linen as nn
 
 from maax_mjx.training.actions import Head
 from maax_mjx.training.config import NetConfig
+from maax_mjx.training.cores import Core
 from maax_mjx.training.spec import Features
 
 FILTERS, KERNEL = 9, 3
@@ -123,10 +124,10 @@ def _entities(
     # A layer of the agent and an entity joined, of which the agent's part is the same for all entities of a kind.
     first = nn.relu(nn.Dense(net.width, name="embed own")(own)).astype(dtype)
     # Published is what the agent observes; its embedding says as much, and is a quarter as wide.
-    joined = own if net.encoder == "attend" else first
+    joined, numbers = (own, jnp.float32) if net.encoder == "attend" else (first, dtype)
     tokens = {}
     for kind, x in entities.items():
-        mine = nn.Dense(net.width, use_bias=False, name=f"embed own for {kind}")(joined)
+        mine = nn.Dense(net.width, use_bias=False, dtype=numbers, name=f"embed own for {kind}")(joined)
         each = nn.Dense(net.width, name=f"embed {kind}")(jnp.where(masks[kind][..., None], x, 0.0))
         tokens[kind] = nn.relu(each + mine[..., None, :].astype(each.dtype)).astype(dtype)
     names, sizes = list(tokens), [x.shape[-2] for x in tokens.values()]
@@ -167,48 +168,3 @@ def _attended(x: jax.Array, there: jax.Array, net: NetConfig, dtype: Any) -> jax
     mixed = jnp.einsum("...hqk,...khd->...qhd", weights, v).reshape(x.shape)
     x = x + nn.Dense(net.width, kernel_init=init, dtype=dtype, name="attention out")(mixed)
     return nn.LayerNorm(dtype=dtype, name="norm after attention")(x)
-
-
-def memory_size(net: NetConfig) -> int:
-    """Returns how many numbers one agent's actor, or critic, remembers."""
-    return {"none": 0, "gru": net.hidden, "lstm": 2 * net.hidden}[net.core]
-
-
-class Core(nn.Module):
-    """What remembers: a GRU, or an LSTM with forget bias 1 (TensorFlow's BasicLSTMCell), or nothing.
-
-    Attributes:
-        net: the form of the network.
-    """
-
-    net: NetConfig
-
-    @nn.compact
-    def __call__(self, x: jax.Array, memory: jax.Array, begins: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Runs through (n_steps, n_worlds, n_agents, hidden); the other arguments are those of `Tower`."""
-        if self.net.core == "none":
-            return x, memory
-        n, dtype = self.net.hidden, jnp.dtype(self.net.compute)
-        gates = {"gru": 3, "lstm": 4}[self.net.core]
-        ortho = nn.initializers.orthogonal()
-        # The inputs of all steps in one product; only the memory's part is a loop.
-        given = nn.Dense(gates * n, dtype=dtype, kernel_init=ortho, name="input")(x).astype(jnp.float32)
-        kernel = self.param("memory", ortho, (n, gates * n)).astype(dtype)
-
-        def step(carry: jax.Array, t: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-            given, begins = t
-            carry = jnp.where(begins[:, None, None], 0.0, carry)
-            h = carry[..., -n:]
-            from_h = (h.astype(dtype) @ kernel).astype(jnp.float32)
-            if self.net.core == "gru":
-                (r, z, c), (hr, hz, hc) = (jnp.split(v, 3, axis=-1) for v in (given, from_h))
-                z = jax.nn.sigmoid(z + hz)
-                h = (1 - z) * jnp.tanh(c + jax.nn.sigmoid(r + hr) * hc) + z * h
-                return h, h
-            i, j, f, o = jnp.split(given + from_h, 4, axis=-1)
-            c = jax.nn.sigmoid(f + 1.0) * carry[..., :n] + jax.nn.sigmoid(i) * jnp.tanh(j)
-            h = jax.nn.sigmoid(o) * jnp.tanh(c)
-            return jnp.concatenate([c, h], axis=-1), h
-
-        memory, out = jax.lax.scan(step, memory, (given, begins))
-        return out.astype(dtype), memory

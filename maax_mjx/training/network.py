@@ -15,7 +15,8 @@ from flax import struct
 from maax_mjx.core.env import Environment
 from maax_mjx.training.actions import Head, heads_of
 from maax_mjx.training.config import NetConfig
-from maax_mjx.training.nets import Tower, memory_size
+from maax_mjx.training.cores import memory_size
+from maax_mjx.training.nets import Tower
 from maax_mjx.training.spec import CLIP, Features, Spec, spec_of
 
 EVERYONE = "agents"

@@ -40,7 +40,7 @@ class Progress(NamedTuple):
     Attributes:
         iteration: iterations so far.
         steps: env steps so far.
-        seconds: of training so far, compilation not included.
+        seconds: of training so far, saves included, and the first iteration of every call, which compiles, not.
         metrics: numbers of the iteration by name.
     """
 
@@ -88,6 +88,7 @@ class Trainer:
         self.folder = Folder(folder, self.config.tensorboard)
         self._key, start, draw = jax.random.split(jax.random.key(seed), 3)
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self._since = time.perf_counter()
         self.league = League(self.config.league.keep)
         weights = self.network.draw(draw) if begin_from is None else taken_over(begin_from, self.network, draw)
         self.learner = new_learner(weights, self.config)
@@ -107,7 +108,8 @@ class Trainer:
             check_same(self.folder, about)
             self._restore()
         else:
-            self.folder.describe(about)
+            begun_from = {"game": begin_from.game, "steps": begin_from.steps} if begin_from else None
+            self.folder.describe(about | {"begun_from": begun_from})
             self._keep_past()
         if self.states is None:
             self.states = self.worlds.reset(jax.random.fold_in(start, self.iteration), stagger=True)
@@ -136,7 +138,8 @@ class Trainer:
             check_count("steps", steps, minimum=1, maximum=LONG)
         if minutes is None and steps is None and on_iteration is None:
             raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
-        progress, over, begun, saved, drawn = None, False, self.seconds, time.perf_counter(), 0.0
+        progress, over, begun, drawn = None, False, self.seconds, 0.0
+        saved = self._since = time.perf_counter()
         try:
             while not over and (steps is None or self.steps < steps):
                 progress = self._iteration(first=progress is None)
@@ -154,7 +157,7 @@ class Trainer:
         finally:
             if progress is not None and not int(self.learner.broken):
                 self.save()
-                self.folder.draw()
+                self.folder.draw(finished=True)
             self.folder.close()
         return Run(self.folder.path, self.policy, progress)
 
@@ -172,7 +175,7 @@ class Trainer:
 
     def _iteration(self, first: bool) -> Progress:
         """Makes an iteration and notes it; the first one of a process compiles, which counts as no time."""
-        league, clock = self.config.league, time.perf_counter()
+        league = self.config.league
         opponents = self.league.draw(self.iteration, league.groups, league.share) if league.share else None
         key = jax.random.fold_in(self._key, self.iteration)
         args = self.learner, opponents, key, self.states, self.memory
@@ -181,7 +184,9 @@ class Trainer:
         self.iteration += 1
         self.steps += (taken := self.config.worlds * self.config.ppo.unroll)
         metrics = {name: float(x) for name, x in jax.device_get(given).items()}
-        spent = time.perf_counter() - clock
+        # From iteration to iteration, so that saves and curves count.
+        spent = time.perf_counter() - self._since
+        self._since += spent
         self.seconds += 0.0 if first else spent
         speed = {"compile_s": spent} if first else {"env_steps_per_s": taken / spent}
         progress = Progress(self.iteration, self.steps, self.seconds, metrics | speed)

@@ -160,10 +160,12 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
     assert "Traceback" not in told
 
 
-def test_ctrl_c_writes_what_was_done(tmp_path):
-    """The first interrupt ends the rollout after the step that runs, with everything written."""
+def test_an_interrupt_writes_what_was_done(tmp_path):
+    """It ends the rollout after the step that runs, with everything written; the same again at once changes nothing."""
     process = started_rollout(tmp_path, until="4 worlds")
     # A longer film only takes longer to draw.
+    time.sleep(0.1)
+    process.send_signal(signal.SIGTERM)
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     printed, _ = process.communicate(timeout=120)
