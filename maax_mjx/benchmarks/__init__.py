@@ -22,5 +22,6 @@ BENCHMARKS = (
     "soak",
     "step",
     "train_speed",
+    "updates",
 )
 """Names of the modules that run as `maax-mjx bench NAME`; the others are what these share."""

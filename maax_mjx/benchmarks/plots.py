@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from maax_mjx.benchmarks import plots_cost, plots_scaling, plots_worlds, record
 from maax_mjx.benchmarks.axes import Fill
 from maax_mjx.benchmarks.bench import Command, Options
+from maax_mjx.training.folder import CURVES, METRICS, Folder
 
 FIGURES: dict[str, Fill] = {**plots_worlds.FIGURES, **plots_cost.FIGURES, **plots_scaling.FIGURES}
 """Kinds of pictures by the beginning of a file's name, up to the first underscore."""
@@ -26,7 +27,7 @@ class Config:
 
     Attributes:
         folder: its JSON files are drawn, each into a PNG beside it; files without a kind of picture are passed over.
-            The default is docs/results of a checkout.
+            So are the metrics of the runs in `runs/`. The default is docs/results of a checkout.
     """
 
     folder: Path = record.RESULTS
@@ -94,6 +95,9 @@ def main(config: Config) -> None:
         fill = FIGURES.get(path.stem.split("_")[0])
         if fill is not None:
             print(draw(path, fill))
+    for path in sorted(config.folder.glob(f"runs/*/{METRICS}")):
+        Folder(path.parent).draw(finished=True)
+        print(path.with_name(CURVES))
 
 
 COMMAND = Command(Config, main)

@@ -36,9 +36,9 @@ def by_the_first(method: Writes) -> Writes:
     """Makes a method do nothing in all processes but the first one."""
 
     @wraps(method)
-    def written(self: Folder, *args: Any) -> None:
+    def written(*args: Any, **named: Any) -> None:
         if jax.process_index() == 0:
-            method(self, *args)
+            method(*args, **named)
 
     return cast(Writes, written)
 

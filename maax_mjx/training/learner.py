@@ -121,7 +121,7 @@ def iterate(
     order = _order(shuffle, first_group, groups, rows.begins.shape[0], config)
 
     def learn(now: Updates, picked: jax.Array) -> tuple[Updates, dict[str, jax.Array]]:
-        return update(now, network, ppo, jax.tree.map(lambda x: x[picked], rows), mean)
+        return update(now, network, ppo, rows.picked(picked), mean)
 
     now, info = jax.lax.scan(learn, now, order)
     weights = now.weights.replace(norm=updated(now.weights.norm, batch.features, mean))

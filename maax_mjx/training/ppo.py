@@ -41,6 +41,11 @@ class Rows(struct.PyTreeNode):
     counts: jax.Array
     memory: Any
 
+    def picked(self, index: jax.Array) -> Rows:
+        """Returns some of the rows."""
+        with jax.named_scope("rows"):
+            return jax.tree.map(lambda x: x[index], self)
+
 
 def rows_of(batch: Batch, before: Memory, advantage: jax.Array, target: jax.Array, chunk: int) -> Rows:
     """Cuts a batch into chunks.
@@ -172,8 +177,9 @@ def update(
     if minibatch.begins.shape[0] > 1:
         (gradient, info), _ = jax.lax.scan(add, (gradient, info), others)
     gradient, info = mean((gradient, info))
-    change, moments = optimiser(ppo).update(gradient, now.moments, params)
-    new = optax.apply_updates(params, change)
+    with jax.named_scope("optimiser"):
+        change, moments = optimiser(ppo).update(gradient, now.moments, params)
+        new = optax.apply_updates(params, change)
     finite = jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves((gradient, new))]).all()
     stopped = now.stopped | (info["kl"] > ppo.stop_kl if ppo.stop_kl is not None else False)
     taken = finite & ~stopped
