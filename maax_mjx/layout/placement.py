@@ -8,8 +8,8 @@ with `@requires_quadrant`, so that a missing one is an error when the environmen
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import reduce
-from typing import Any
+from functools import partial, reduce, wraps
+from typing import Any, ParamSpec
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +44,41 @@ def anchors_of(*fns: PlacementFn) -> frozenset[str]:
 def name_of(fn: PlacementFn) -> str:
     """A placement function's name, for messages."""
     return getattr(fn, "__name__", type(fn).__name__)
+
+
+P = ParamSpec("P")
+
+
+class Made:
+    """A placement function that a factory made. It is pickled as the call that made it.
+
+    Args:
+        fn: the function; its name and marks are those of this one.
+        made: makes it again.
+    """
+
+    def __init__(self, fn: PlacementFn, made: Callable[[], PlacementFn]):
+        self.__dict__.update(vars(fn))
+        self.__name__, self._fn, self._made = name_of(fn), fn, made
+
+    def __call__(self, layout: Layout, cells: jax.Array) -> jax.Array:
+        return self._fn(layout, cells)
+
+    def __repr__(self) -> str:
+        return self.__name__
+
+    def __reduce__(self) -> tuple[Callable[[], PlacementFn], tuple[()]]:
+        return self._made, ()
+
+
+def made(factory: Callable[P, PlacementFn]) -> Callable[P, PlacementFn]:
+    """Lets what a factory of placement functions makes be pickled."""
+
+    @wraps(factory)
+    def make(*args: P.args, **kwargs: P.kwargs) -> PlacementFn:
+        return Made(factory(*args, **kwargs), partial(make, *args, **kwargs))
+
+    return make
 
 
 def requires_quadrant(fn: PlacementFn) -> PlacementFn:
@@ -89,6 +124,7 @@ def _centre(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
 centre_placement.region = _centre  # type: ignore[attr-defined]
 
 
+@made
 def at_placement(x: float, y: float) -> PlacementFn:
     """A placement of the object's middle at a point in metres, to the cell.
 
@@ -106,6 +142,7 @@ def at_placement(x: float, y: float) -> PlacementFn:
     return _within_region(f"at_placement({x:g}, {y:g})", region)
 
 
+@made
 def middle_placement(fraction: float) -> PlacementFn:
     """A placement in the central square whose edge is `fraction` of the floor's.
 
@@ -122,6 +159,7 @@ def middle_placement(fraction: float) -> PlacementFn:
     return _within_region(f"middle_placement({fraction:g})", region)
 
 
+@made
 def separation_placement(radius: float) -> PlacementFn:
     """A placement at least `radius` metres from all that was placed before, centre to centre (thesis 4.3.3).
 
@@ -139,6 +177,7 @@ def separation_placement(radius: float) -> PlacementFn:
     return placement
 
 
+@made
 def proximity_placement(radius: float, to: str) -> PlacementFn:
     """A placement at most `radius` metres from the object named `to`, such as "box0", centre to centre (thesis 4.3.3).
 
@@ -162,6 +201,7 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
     return placement
 
 
+@made
 def room_placement(index: int) -> PlacementFn:
     """A placement inside rectangular room `index` of the room plan; anywhere in a world that does not have it.
 
@@ -180,6 +220,7 @@ def room_placement(index: int) -> PlacementFn:
     return placement
 
 
+@made
 def all_of(*fns: PlacementFn) -> PlacementFn:
     """A placement where all of these allow it: the product of their weights.
 
@@ -191,6 +232,7 @@ def all_of(*fns: PlacementFn) -> PlacementFn:
     return placement
 
 
+@made
 def any_of(*fns: PlacementFn) -> PlacementFn:
     """A placement where any of these allows it: the sum of their weights; of booleans, all that are true weigh alike.
 
