@@ -166,8 +166,7 @@ class Composition:
         builder = WorldBuilder(self.world_params)
         floor = Floor(self.floor_size)
         builder.append(floor)
-        for module in self._modules.values():
-            module.build_step(floor, self.grid_size)
+        self._append_objects(floor)
         spec = builder.to_spec()
         for module in self._modules.values():
             module.spec_step(spec)
@@ -180,6 +179,24 @@ class Composition:
         # everything, so that it would leave out true contacts.
         spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)
         return spec
+
+    def _append_objects(self, floor: Floor) -> None:
+        """Lets all modules append their objects to the floor.
+
+        Raises:
+            ValueError: two modules that give objects the same name.
+        """
+        named_by: dict[str, str] = {}
+        for module in self._modules.values():
+            built = len(floor.children)
+            module.build_step(floor, self.grid_size)
+            for name in {name for child in floor.children[built:] for name in child.obj.given_names()}:
+                if name in named_by:
+                    raise ValueError(
+                        f"modules: got {named_by[name]!r} and {module.name!r}, which both name an object {name!r}; "
+                        "takes names of their own"
+                    )
+                named_by[name] = module.name
 
     @from_model
     def model(self) -> mujoco.MjModel:

@@ -263,3 +263,16 @@ def test_copies_and_pickles_of_environments_play_alike(make, copied):
     state, other = jax.jit(env.reset)(seeds.key(3)), jax.jit(twin.reset)(seeds.key(3))
     for x, y in zip(jax.tree.leaves(state.obs), jax.tree.leaves(other.obs), strict=True):
         equal(x, y)
+
+
+def test_two_modules_that_name_an_object_alike_are_refused():
+    class Pole(Post):
+        """Another module's post."""
+
+        name = "pole"
+
+    env = maax.Base(1, impl="c")
+    for module in (maax.WallScenarios("empty"), maax.Agents(1), Post(), Pole()):
+        env.add_module(module)
+    with pytest.raises(ValueError, match="modules: got 'post' and 'pole', which both name an object 'post'"):
+        _ = env.model
