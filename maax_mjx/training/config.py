@@ -128,8 +128,8 @@ PRESETS: dict[str, TrainConfig] = {
     "laptop": TrainConfig(
         worlds=32,
         save_minutes=1.0,
-        # On the quadrant, in five minutes, a short horizon and little entropy did more than a memory. Parameters per team
-        # and past opponents keep seekers from learning to find their trained hiders alone.
+        # On the quadrant, in five minutes, a short horizon and little entropy did more than a memory. Parameters per
+        # team and past opponents keep seekers from learning to find their trained hiders alone.
         ppo=PPOConfig(unroll=40, chunk=20, epochs=2, minibatches=4, lr=1e-3, gamma=0.95, lam=0.9, entropy=0.003),
         net=NetConfig(core="none", share="team", width=32, hidden=64),
         league=LeagueConfig(share=0.25, every=25),
