@@ -79,12 +79,14 @@ def enclosed(plan: RoomPlan, things: Footprints, radius: float, start: jax.Array
 
 def flooded(free: jax.Array, start: jax.Array) -> jax.Array:
     """Returns the cells (n, m) bool that are reached from the starting cells along free ones, by their edges."""
-    index = [jax.lax.broadcasted_iota(jnp.int32, free.shape, axis) for axis in (0, 1)]
+    # Small integers: batches of floors are read and written many times.
+    whole = jnp.int8 if max(free.shape) <= jnp.iinfo(jnp.int8).max else jnp.int32
+    index = [jax.lax.broadcasted_iota(whole, free.shape, axis) for axis in (0, 1)]
 
     def along(reached: jax.Array, axis: int, backwards: bool) -> jax.Array:
         """Spreads in one direction, past all cells up to the next that is not free."""
         place = free.shape[axis] - 1 - index[axis] if backwards else index[axis]
-        last = [jax.lax.cummax(jnp.where(x, place, -1), axis, reverse=backwards) for x in (reached, ~free)]
+        last = [jax.lax.cummax(jnp.where(x, place, whole(-1)), axis, reverse=backwards) for x in (reached, ~free)]
         return free & (last[0] > last[1])
 
     def spread(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
