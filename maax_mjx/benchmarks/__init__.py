@@ -10,6 +10,7 @@ BENCHMARKS = (
     "gradients",
     "hostile",
     "layouts",
+    "learners",
     "learning",
     "load",
     "memory",
