@@ -32,7 +32,7 @@ settings.load_profile("maax")
 with contextlib.suppress(ImportError):
     import warp
 
-    warp.config.optimization_level = 1
+    warp.config.optimization_level = 0
     warp.config.cpu_compiler_flags = "-march=native"
 
 LONGEST = (
@@ -50,6 +50,14 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     order = {name: i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
+@pytest.fixture
+def little_garbage():
+    """What is there already is not looked through by every `gc.collect`, which takes a second and more else."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")

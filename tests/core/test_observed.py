@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers.layers import observing
 from helpers.seeds import key, rng
 
 import maax_mjx as maax
@@ -62,7 +63,10 @@ def test_what_is_not_private_is_seen_of_others_in_circulant_order():
 def test_flat_observations_hide_what_is_not_seen_and_name_their_columns():
     split = maax.make("hide_and_seek_quadrant", impl="c", observations="split")
     flat = maax.make("hide_and_seek_quadrant", impl="c", observations="flat")
-    seen, vector = split.reset(key(1)).obs, np.asarray(flat.reset(key(1)).obs["obs"])
+    # The same game but for its last layer.
+    assert [type(layer) for layer in flat.layers[1:]] == [type(layer) for layer in split.layers]
+    state = split.reset(key(1))
+    seen, vector = state.obs, np.asarray(jax.jit(observing(flat, split))(state).obs["obs"])
     names = flat.observed["obs"].names()
     assert vector.shape == (4, len(names))
     column = {name: i for i, name in enumerate(names)}
@@ -242,10 +246,11 @@ def test_joining_keeps_the_masks_apart():
     split = maax.SplitObservations(Smell(env))
     assert {"box_obs", "box_smell"} <= set(split.observed)
     flat = maax.FlattenObservations(maax.CriticObservations(split, "team"))
-    obs = flat.reset(key(0)).obs
+    open_to_all = maax.FlattenObservations(maax.CriticObservations(split, "all"))
+    state = split.reset(key(0))
+    obs, shown = (jax.jit(observing(env, split))(state).obs for env in (flat, open_to_all))
     assert not (np.asarray(obs["obs"]) == 7).any()
     assert not (np.asarray(obs["critic"]) == 7).any()
-    shown = maax.FlattenObservations(maax.CriticObservations(split, "all")).reset(key(0)).obs
     assert (np.asarray(shown["critic"]) == 7).sum() == 8
 
 

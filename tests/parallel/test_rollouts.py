@@ -259,15 +259,6 @@ def test_a_save_goes_on_with_more_or_fewer_worlds(worlds, start, rolled, tmp_pat
     assert_same(after.data.qpos[:kept], before.data.qpos[:kept])
 
 
-@pytest.fixture
-def little_garbage():
-    """What is there already is not looked through by every `gc.collect`, which takes most of a second else."""
-    gc.collect()
-    gc.freeze()
-    yield
-    gc.unfreeze()
-
-
 @pytest.mark.usefixtures("little_garbage")
 def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, caplog, recwarn):
     """Each file in turn is noise, cut off or missing: the save loads all the same, or a sentence is all there is."""

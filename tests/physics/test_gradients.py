@@ -37,29 +37,23 @@ def ends(env, actions, state):
 
 @pytest.fixture(scope="module")
 def derivatives():
-    """In float64: `gap -> (derivatives of the agent's x in forward mode, by grad, by differences; the box's way)`."""
+    """In float64: `gap -> (derivatives of the agent's x by jacfwd, by grad, by differences, and the box's way)`."""
     with jax.enable_x64(True):
         env = make()
-
-        def along(actions, direction, state):
-            """Where a run ends, and its derivative along a direction of its actions."""
-            return jax.jvp(lambda a: ends(env, a, state), (actions,), (direction,))
-
-        run = jax.jit(jax.vmap(along, in_axes=(0, 0, None)))
+        run = jax.jit(jax.vmap(lambda actions, state: ends(env, actions, state), in_axes=(0, None)))
+        forward = jax.jit(jax.jacfwd(lambda a, s: ends(env, a, s)[0]))
         reverse = jax.jit(jax.grad(lambda a, s: ends(env, a, s)[0]))
         place = jax.jit(lambda gap: facing_a_box(env, gap))
 
     def at(gap):
         with jax.enable_x64(True):
             state = place(gap)
-            actions = np.array([0.5, 0.0, 0.0]) + 0.5 * seeds.rng(1).uniform(size=(STEPS, 1, 3))
-            each = np.eye(actions.size).reshape(-1, *actions.shape)
-            # One compiled function: forward mode where the actions are, and values alone beside them.
-            (ahead, _), (behind, _) = (run(actions + change * each, each, state) for change in (EPS, -EPS))
-            forward = run(np.broadcast_to(actions, each.shape), each, state)[1][:, 0].reshape(actions.shape)
+            actions = jnp.array([0.5, 0.0, 0.0]) + 0.5 * jax.random.uniform(seeds.key(1), (STEPS, 1, 3))
+            change = EPS * jnp.eye(actions.size).reshape(-1, *actions.shape)
+            ahead, behind = run(actions + change, state), run(actions - change, state)
             differences = np.reshape((ahead - behind)[:, 0] / (2 * EPS), actions.shape)
             way = float(ahead[0, 2] - state.data.qpos[env.modules["box"].qpos_ids[0][0]])
-            return np.asarray(forward), np.asarray(reverse(actions, state)), differences, way
+            return np.asarray(forward(actions, state)), np.asarray(reverse(actions, state)), differences, way
 
     return at
 

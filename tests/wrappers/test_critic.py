@@ -5,6 +5,7 @@ import functools
 import jax
 import numpy as np
 import pytest
+from helpers.layers import observing
 from helpers.seeds import key
 
 import maax_mjx as maax
@@ -26,12 +27,7 @@ def observed(observations, observe):
     """The game under what `make` puts around it, and what that makes of the states."""
     raw, states = drawn()
     env = observed_by_agents(raw, observations, observe)
-
-    def observe_all(state):
-        added = env.layers[: len(env.layers) - len(raw.layers)]
-        return functools.reduce(lambda state, layer: layer.observe(state), reversed(added), state)
-
-    return env, jax.device_get(jax.jit(jax.vmap(observe_all))(states))
+    return env, jax.device_get(jax.jit(jax.vmap(observing(env, raw)))(states))
 
 
 @pytest.fixture(scope="module")
