@@ -32,7 +32,8 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
         AssertionError: a check fails; the message says which and where.
     """
     keys = jax.random.split(jax.random.key(seed), n_worlds)
-    actions = [_actions(env, jax.random.key(seed + 1 + t), n_worlds) for t in range(n_steps)]
+    sample = jax.jit(jax.vmap(env.sample_action))
+    actions = [jax.device_get(sample(jax.random.split(jax.random.key(seed + 1 + t), n_worlds))) for t in range(n_steps)]
     traces = {"reset": 0, "step": 0}
 
     def reset(key: jax.Array) -> State:
@@ -49,23 +50,32 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
         loop.append(_run(jit_reset, jit_step, key, [_row(a, i) for a in actions], f"world {i}"))
     for i, states in enumerate(loop):
         _check_states(env, states, f"world {i}")
+    for action in actions:
+        if not env.action_space.contains(_row(action, 0)):
+            raise AssertionError(f"action_space does not contain what sample_action gives: {sorted(action)}")
     if traces != {"reset": 1, "step": 1}:
         raise AssertionError(f"reset and step were traced {traces} times for {n_worlds} worlds; each must be once")
     again = _run(jit_reset, jit_step, keys[0], [_row(a, 0) for a in actions])
     _same(loop[0], again, "two runs from the same key", exact=True)
-    if _equal(loop[0][0].data.qpos, loop[1][0].data.qpos) and _equal(
-        loop[0][0].world.plan.doors, loop[1][0].world.plan.doors
+    first, second = loop[0][0], loop[1][0]
+    if np.array_equal(first.data.qpos, second.data.qpos) and np.array_equal(
+        first.world.plan.doors, second.world.plan.doors
     ):
         raise AssertionError("reset gave two different keys the same world")
 
-    batch = _run(jax.jit(jax.vmap(env.reset)), jax.jit(jax.vmap(env.step)), keys, actions)
+    batch = [_host(s) for s in _run(jax.jit(jax.vmap(env.reset)), jax.jit(jax.vmap(env.step)), keys, actions)]
     for i, states in enumerate(loop):
-        rows = [jax.tree.map(lambda x, i=i: x[i], state) for state in batch]
+        rows = [_row(state, i) for state in batch]
         _same(states, rows, f"vmap and loop, world {i}")
 
 
-def _actions(env: Environment, key: jax.Array, n_worlds: int) -> Any:
-    return jax.vmap(env.sample_action)(jax.random.split(key, n_worlds))
+def _host(tree: Any) -> Any:
+    """The tree on the host, with keys as their numbers: slices of it are not compiled, one program each."""
+
+    def numbers(x: Any) -> Any:
+        return jax.random.key_data(x) if jnp.issubdtype(x.dtype, jax.dtypes.prng_key) else x
+
+    return jax.device_get(jax.tree.map(numbers, tree))
 
 
 def _row(tree: Any, i: int) -> Any:
@@ -107,13 +117,6 @@ def _check_states(env: Environment, states: list[State], where: str) -> None:
                 raise AssertionError(f"{here}: {jax.tree_util.keystr(path)} is not finite")
         if int(state.step) != t:
             raise AssertionError(f"{here}: state.step is {int(state.step)}")
-    action = jax.device_get(env.sample_action(jax.random.key(0)))
-    if not env.action_space.contains(action):
-        raise AssertionError(f"action_space does not contain what sample_action gives: {sorted(action)}")
-
-
-def _equal(a: jax.Array, b: jax.Array) -> bool:
-    return bool(jnp.array_equal(a, b))
 
 
 def _same(left: list[State], right: list[State], what: str, exact: bool = False) -> None:
@@ -121,10 +124,8 @@ def _same(left: list[State], right: list[State], what: str, exact: bool = False)
         # An engine's own data is not compared, nor where its solver starts, since that is not where it ends.
         if not exact:
             a, b = (s.replace(data=s.data.replace(engine=(), qacc_warmstart=())) for s in (a, b))
+        a, b = _host(a), _host(b)
         for (path, x), y in zip(jax.tree.leaves_with_path(a), jax.tree.leaves(b), strict=True):
-            if jnp.issubdtype(x.dtype, jax.dtypes.prng_key):
-                x, y = jax.random.key_data(x), jax.random.key_data(y)
-            x, y = np.asarray(x), np.asarray(y)
             close = np.array_equal(x, y) if exact or x.dtype.kind != "f" else np.allclose(x, y, TOLERANCE, TOLERANCE)
             if not close:
                 raise AssertionError(f"{what} differ at step {t} in {jax.tree_util.keystr(path)}")

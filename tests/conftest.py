@@ -17,6 +17,8 @@ os.environ["MAAX_XLA_LEVEL"] = "0"
 
 import maax_mjx as maax  # isort: skip
 
+import contextlib
+
 import jax
 import pytest
 from hypothesis import settings
@@ -25,6 +27,13 @@ from hypothesis import settings
 gc.set_threshold(50_000, 10, 10)
 settings.register_profile("maax", deadline=None, max_examples=25)
 settings.load_profile("maax")
+
+# Warp's kernels, too, are compiled much and run little; inlining as much as it does takes most of the time.
+with contextlib.suppress(ImportError):
+    import warp
+
+    warp.config.optimization_level = 0
+    warp.config.cpu_compiler_flags = "-march=native"
 
 LONGEST = (
     "test_readme", "test_notebooks", "test_env", "test_check_env", "test_hostile", "test_physics", "test_games",
@@ -41,6 +50,14 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     order = {name: i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
+@pytest.fixture
+def little_garbage():
+    """What is there already is not looked through by every `gc.collect`, which takes a second and more else."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")

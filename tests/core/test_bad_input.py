@@ -230,7 +230,7 @@ def kit(env_c, env_ranges, small, batch_reset):
         env=env_c,
         ranges=env_ranges,
         batch=batch,
-        one=jax.tree.map(lambda x: x[0], batch),
+        one=jax.jit(lambda states: jax.tree.map(lambda x: x[0], states))(batch),
         move=np.zeros((4, 3), np.float32),
         nan=np.full((4, 3), NAN, np.float32),
         key=key,

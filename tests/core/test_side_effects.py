@@ -15,7 +15,7 @@ equal = np.testing.assert_array_equal
 
 
 def world(**fields):
-    return maax.TeamMembership(maax.make("standard", impl="c", **fields))
+    return maax.TeamMembership(maax.make("standard", impl="c", scenario="empty", **fields))
 
 
 # --- the environment that was given ----------------------------------------------------------------------------------

@@ -68,6 +68,7 @@ def draw(env, seed=0, **ranges):
     return reset_of(env)(jax.random.split(seeds.key(seed), N), params)
 
 
+@jax.jit
 def few(states):
     return jax.tree.map(lambda x: x[:FEW], states)
 

@@ -85,6 +85,7 @@ def test_the_narrowest_opening_is_the_one_that_is_checked(door_cells, more):
     stretch = door_cells + more
     walls = wall_layout.Walls.create([wall_layout.VERTICAL], [3], [0], [stretch - 1])
 
+    @jax.jit
     @jax.vmap
     def width(key):
         cut, valid = wall_layout.cut_doors(key, walls, door_cells, jnp.ones(1, bool))

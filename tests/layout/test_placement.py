@@ -10,7 +10,7 @@ from scipy import stats
 
 import maax_mjx as maax
 
-N, FLOOR, CELL = 10_000, 6.0, 0.2
+N, FLOOR, CELL = 4_000, 6.0, 0.2
 AGENT, HALF = 0.15, 0.25
 
 

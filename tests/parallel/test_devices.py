@@ -28,9 +28,10 @@ def start(folder, *options):
     """The script in a process of its own, on two virtual devices."""
     env = os.environ | {
         "PYTHONPATH": str(ROOT),
+        "NPROC": "8",  # as the script sets it itself, where nobody has: the engine `c` calls back in threads
         "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2",
     }
-    command = [sys.executable, str(SCRIPT), "--env", "standard", "--impl", "jax", "--worlds", str(N_WORLDS)]
+    command = [sys.executable, str(SCRIPT), "--env", "standard", "--impl", "c", "--worlds", str(N_WORLDS)]
     command += ["--overrides", *(f"{name}={value}" for name, value in SMALL.items())]
     command += ["--steps", str(STEPS), "--rounds", str(ROUNDS), "--out", str(folder / "out.json"), *options]
     return subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
@@ -48,7 +49,7 @@ def alone():
     spec = importlib.util.spec_from_file_location("multi_device", SCRIPT)
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
-    env = maax.make("standard", impl="jax", **{name: eval(value) for name, value in SMALL.items()})
+    env = maax.make("standard", impl="c", **{name: eval(value) for name, value in SMALL.items()})
     worlds = maax.Worlds(env, N_WORLDS)
     states = worlds.reset(jax.random.key(0), stagger=True)  # the script's own key
     for i in range(ROUNDS):
@@ -68,7 +69,7 @@ def test_the_same_worlds_as_on_one_device(way, alone, tmp_path):
     assert found["shape"] == ([2, 2] if way == "pmap" else [N_WORLDS])
     np.testing.assert_allclose(np.reshape(found["qpos"], alone.shape), alone, atol=1e-5)
     if way != "processes":
-        env = maax.make("standard", impl="jax", **{name: eval(value) for name, value in SMALL.items()})
+        env = maax.make("standard", impl="c", **{name: eval(value) for name, value in SMALL.items()})
         params = {"push": np.zeros(3, np.float32)}
         states, others = maax.Checkpoints(tmp_path / "run").restore(maax.Worlds(env, N_WORLDS), params=params)
         np.testing.assert_array_equal(states.data.qpos, np.float32(np.reshape(found["qpos"], alone.shape)))

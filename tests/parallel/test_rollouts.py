@@ -56,14 +56,21 @@ def assert_same(a, b, exact=True):
 def test_a_rollout_is_a_loop_of_steps(worlds, start, rolled):
     """Every world gets a key of its own at every step; observations are those that the policy saw."""
     last, kept = rolled
+    kept = jax.device_get(kept)
     assert set(kept) == set(KEEP)
     states = start
-    for t in range(T):
+
+    @jax.jit
+    def act(states, t):
+        """World by world, each with a key that its number and the step's give."""
         keys = [jax.random.fold_in(jax.random.fold_in(seeds.key(9), i), t) for i in range(N)]
         views = [jax.tree.map(lambda x, i=i: x[i], states.obs) for i in range(N)]
-        actions = [policy(states.replace(obs=view), key, 0.5)["move"] for view, key in zip(views, keys, strict=True)]
+        return [policy(states.replace(obs=view), key, 0.5)["move"] for view, key in zip(views, keys, strict=True)]
+
+    for t in range(T):
+        actions = act(states, t)
         np.testing.assert_array_equal(kept["obs.agent_pos"][t], states.obs["agent_pos"])
-        np.testing.assert_allclose(kept["action"]["move"][t], jnp.stack(actions), atol=1e-6)
+        np.testing.assert_allclose(kept["action"]["move"][t], np.stack(actions), atol=1e-6)
         states = worlds.step(states, {"move": kept["action"]["move"][t]})
         for name in ("reward", "truncated", "step", "final_obs"):
             assert_same(kept[name], {**kept, name: kept[name]}[name])
@@ -241,16 +248,18 @@ def test_a_save_goes_on_with_more_or_fewer_worlds(worlds, start, rolled, tmp_pat
     resized = maax.Worlds(worlds.env, n, donate=False)
     states, _ = checkpoints.restore(resized, resize=True)
     kept = min(n, N)
-    assert_same(jax.tree.map(lambda x: x[:kept], states), jax.tree.map(lambda x: x[:kept], rolled[0]))
+    assert_same(*(jax.tree.map(lambda x: x[:kept], host(x)) for x in (states, rolled[0])))
     assert (np.asarray(states.step)[kept:] == 0).all()
     keys = {tuple(row) for row in np.asarray(jax.random.key_data(states.seed))}
     assert len(keys) == n, "every world has draws of its own"
     after, before = (
-        w.step(s, {"move": jnp.ones((w.n_worlds, 2, 3))}) for w, s in ((resized, states), (worlds, rolled[0]))
+        w.step(s, {"move": np.ones((w.n_worlds, 2, 3), np.float32)})
+        for w, s in ((resized, states), (worlds, rolled[0]))
     )
     assert_same(after.data.qpos[:kept], before.data.qpos[:kept])
 
 
+@pytest.mark.usefixtures("little_garbage")
 def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, caplog, recwarn):
     """Each file in turn is noise, cut off or missing: the save loads all the same, or a sentence is all there is."""
     folder, bad = tmp_path / "good", tmp_path / "bad"
@@ -297,6 +306,7 @@ def test_empty_arrays_and_keys_come_back(tmp_path):
     np.testing.assert_array_equal(back["n"], [0, 1])
 
 
+@pytest.mark.usefixtures("little_garbage")
 def test_reads_that_fail_side_by_side_are_not_logged(worlds, start, tmp_path, monkeypatch, caplog):
     """Which of a damaged save's arrays fail after the first depends on the threads; asyncio logs them as they go."""
 

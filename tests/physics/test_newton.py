@@ -94,6 +94,7 @@ def test_finds_what_scipy_finds(ls_iterations):
     assert len(dx._impl.efc_J) > 20
     drawn = problems(dx)
     solved = jax.jit(jax.vmap(lambda p: newton.solve(mx, with_problem(dx, p))))(jax.tree.map(jnp.asarray, drawn))
+    solved = jax.device_get(solved)
     found = [found_by_both(dx, drawn, jax.tree.map(lambda x, i=i: x[i], solved), i) for i in range(N)]
     # One look at 16 lengths is too few for some of these problems, which are harder than those of physics.
     assert np.mean(found) == 1 if ls_iterations > 1 else np.mean(found) >= 0.8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -101,26 +102,44 @@ def test_own_kinematics_equal_those_of_mjx(free):
     np.testing.assert_allclose(data.geom_xmat.reshape(-1, 9), truth.geom_xmat, atol=1e-5)
 
 
+@pytest.fixture(scope="module")
+def one_steps(env_c, batch_reset, batch_step):
+    """`one_steps(draw)`: 16 times 64 states along runs of held actions, the actions, and what plain MuJoCo makes of it.
+
+    The same for all engines.
+    """
+
+    @functools.cache
+    def along(draw):
+        states = batch_reset(env_c, jax.random.split(seeds.key(7), N))
+        for t in range(80):
+            states = batch_step(env_c, states, {"move": draw(t // HELD)})
+        worlds, found = [in_plain_mujoco(env_c, states, i) for i in range(N)], []
+        for t in range(160):
+            action = draw(200 + t // HELD)
+            if t % 10 == 0:
+                here = jax.device_get(states.data)
+                for i, (model, data) in enumerate(worlds):
+                    data.qpos[:], data.qvel[:] = here.qpos[i], here.qvel[i]
+                    data.qacc_warmstart[:], data.ctrl[:] = here.qacc_warmstart[i], action[i].ravel()
+                    mujoco.mj_step(model, data)
+                found.append((states, action, np.stack([data.qpos for _, data in worlds])))
+            states = batch_step(env_c, states, {"move": action})
+        return found
+
+    return along
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("impl", ["jax", "warp"])
 @pytest.mark.parametrize(("draw", "share"), [(uniform, 0.99), (bang_bang, 0.98)])
-def test_one_step_from_the_same_states(draw, share, impl, env_c, batch_reset, batch_step, request):
+def test_one_step_from_the_same_states(draw, share, impl, env_c, one_steps, batch_step, request):
     """1,024 states along held-action runs, each stepped once by an accelerator's engine and once by plain MuJoCo."""
     env = request.getfixturevalue(f"env_{impl}")
-    states = batch_reset(env_c, jax.random.split(seeds.key(7), N))
-    for t in range(80):
-        states = batch_step(env_c, states, {"move": draw(t // HELD)})
-    worlds, errors = [in_plain_mujoco(env_c, states, i) for i in range(N)], []
-    for t in range(160):
-        action = draw(200 + t // HELD)
-        if t % 10 == 0:
-            stepped = batch_step(env, states.replace(data=states.data.replace(engine=())), {"move": action})
-            for i, (model, data) in enumerate(worlds):
-                data.qpos[:], data.qvel[:] = states.data.qpos[i], states.data.qvel[i]
-                data.qacc_warmstart[:], data.ctrl[:] = states.data.qacc_warmstart[i], action[i].ravel()
-                mujoco.mj_step(model, data)
-                errors.append(np.abs(data.qpos - stepped.data.qpos[i]))
-        states = batch_step(env_c, states, {"move": action})
+    errors = []
+    for states, action, qpos in one_steps(draw):
+        stepped = batch_step(env, states.replace(data=states.data.replace(engine=())), {"move": action})
+        errors.extend(np.abs(qpos - stepped.data.qpos))
     assert len(errors) == 1024
     turns = np.array([env_c.model.joint(j).name.endswith(":yaw") for j in range(env_c.model.njnt)])
     errors = np.stack(errors)
@@ -254,7 +273,7 @@ def test_free_joints(impl):
 def test_a_state_goes_on_on_another_engine(first, then, batch_reset, batch_step, request):
     a, b = (request.getfixturevalue(f"env_{impl}") for impl in (first, then))
     states = batch_reset(a, jax.random.split(seeds.key(4), N))
-    action = {"move": jnp.full((N, 4, 3), 0.5)}
+    action = {"move": np.full((N, 4, 3), 0.5, np.float32)}
     onward, own = batch_step(b, states, action), batch_step(a, states, action)
     np.testing.assert_allclose(onward.data.qpos, own.data.qpos, atol=1e-4)
     maax.to_mjcf(b, states, 0)

@@ -434,13 +434,13 @@ def played(game):
     def play(name):
         env = game(name)
         keys = jax.random.split(seeds.key(0), BATCH[name])
-        reset, step = jax.jit(jax.vmap(env.reset)), jax.jit(jax.vmap(env.step))
+        reset, step, sample = (jax.jit(jax.vmap(f)) for f in (env.reset, env.step, env.sample_action))
         states, actions = [reset(keys)], []
         for t in range(2):
-            action = jax.vmap(env.sample_action)(jax.random.split(seeds.key(t), BATCH[name]))
-            action |= {key: jnp.ones_like(action[key]) for key in ("lock", "grab") if key in action}
+            action = jax.device_get(sample(jax.random.split(seeds.key(t), BATCH[name])))
+            action |= {key: np.ones_like(action[key]) for key in ("lock", "grab") if key in action}
             states.append(step(states[-1], action))
-            actions.append(jax.device_get(action))
+            actions.append(action)
         return env, actions, [jax.device_get(state.replace(key=())) for state in states], (states[0], step)
 
     return play

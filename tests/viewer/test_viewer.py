@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import itertools
 import re
 import sys
@@ -40,10 +41,16 @@ def env():
     )  # fmt: skip
 
 
+@functools.cache
+def three(env):
+    """Three worlds, compiled once."""
+    return maax.Worlds(env, 3)
+
+
 @pytest.fixture(scope="module")
 def played(env):
     """What the worlds were at first, and 30 steps of two of them, two resets among them."""
-    worlds = maax.Worlds(env, 3)
+    worlds = three(env)
     first = worlds.reset(seeds.key(0))
     began = jax.device_get(first.data.qpos)
 
@@ -541,7 +548,7 @@ WRONG = {
         lambda env, rec: maax.record(maax.Worlds(env, 2), lambda state, key: None, rec, 1), "states: got function"
     ),
     "record key": (
-        lambda env, rec: (w := maax.Worlds(env, 2)) and maax.record(w, w.reset(seeds.key(0)), None, 1, key=0),
+        lambda env, rec: (w := three(env)) and maax.record(w, w.reset(seeds.key(0)), None, 1, key=0),
         "key: got 0",
     ),
     "plan's camera": (
@@ -552,7 +559,7 @@ WRONG = {
         "states: got states of different numbers of worlds",
     ),
     "record policy": (
-        lambda env, rec: (w := maax.Worlds(env, 2))
+        lambda env, rec: (w := three(env))
         and maax.record(w, w.reset(seeds.key(0)), lambda state, key: None, 1),
         "policy's action: got NoneType; takes a dict",
     ),

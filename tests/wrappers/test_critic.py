@@ -1,27 +1,33 @@
 """Critics: the policies' arrays under other masks, and what is for critics alone."""
 
+import functools
+
 import jax
 import numpy as np
 import pytest
+from helpers.layers import observing
 from helpers.seeds import key
 
 import maax_mjx as maax
+from maax_mjx.tasks import observed_by_agents
 
 equal = np.testing.assert_array_equal
 N = 32
 
 
+@functools.cache
+def drawn():
+    """The game as it is, and first states of it, which are drawn once."""
+    counts = {"n_boxes": (3, 5), "n_elongated_boxes": (1, 3), "lidar": None}
+    env = maax.make("hide_and_seek_full", impl="c", observations="raw", **counts)
+    return env, jax.jit(jax.vmap(env.reset))(jax.random.split(key(0), N))
+
+
 def observed(observations, observe):
-    env = maax.make(
-        "hide_and_seek_full",
-        impl="c",
-        observations=observations,
-        observe=observe,
-        n_boxes=(3, 5),
-        n_elongated_boxes=(1, 3),
-    )
-    state = jax.device_get(jax.jit(jax.vmap(env.reset))(jax.random.split(key(0), N)))
-    return env, state
+    """The game under what `make` puts around it, and what that makes of the states."""
+    raw, states = drawn()
+    env = observed_by_agents(raw, observations, observe)
+    return env, jax.device_get(jax.jit(jax.vmap(observing(env, raw)))(states))
 
 
 @pytest.fixture(scope="module")

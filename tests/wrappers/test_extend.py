@@ -147,6 +147,7 @@ def test_what_cannot_be_put_in_is_refused(given, says):
         maax.make("hide_and_seek_quadrant", **SMALL, **given)
 
 
+@pytest.mark.usefixtures("little_garbage")
 def test_a_module_after_wrappers_is_refused_with_what_to_do():
     env = maax.make("hide_and_seek", impl="c")
     with pytest.raises(ValueError, match=r"module: got Post\(\) .*LockObjects.* wraps; .*make\(name, modules"):

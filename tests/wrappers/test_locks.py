@@ -77,6 +77,12 @@ def build(method="equality", *, free=False, radius=10.0, lock_type="team", outer
 
 
 @functools.cache
+def posed(env):
+    """`posed(env)(fields, data)`: the data with the poses of its qpos."""
+    return jax.jit(env.base.engine.pose)
+
+
+@functools.cache
 def jitted(method="equality", free=False, outer="walls"):
     env = build(method, free=free, outer=outer)
     return env, jax.jit(env.reset), jax.jit(env.step)
@@ -92,18 +98,18 @@ def bodies(env):
 
 
 def action(wants, move=0.0):
-    return {"move": jnp.full((4, 3), move), "lock": jnp.asarray(wants, jnp.int32)}
+    return {"move": np.full((4, 3), move, np.float32), "lock": np.asarray(wants, np.int32)}
 
 
 def spread(env, state):
     """The state with objects away from each other and from the walls, so that all can be pushed along x and y."""
     spots = {"agent": [[0.5, 0.5], [0.5, 4.5], [5.0, 0.5], [3.4, 3.4]], "box": [[1.5, 1.5], [3.4, 1.5]]}
-    qpos = state.data.qpos
+    qpos = np.array(state.data.qpos)
     for name, xy in (spots | {"ramp": [[1.5, 3.0]]}).items():
         module = env.base.modules[name]
         ids, there = module.qpos_ids[:, :2], state.world.active[module.kind][:, None]
-        qpos = qpos.at[ids].set(jnp.where(there, jnp.array(xy), qpos[ids]))
-    return state.replace(data=jax.jit(env.base.engine.pose)(state.world.fields, state.data.replace(qpos=qpos)))
+        qpos[ids] = np.where(there, np.array(xy), qpos[ids])
+    return state.replace(data=posed(env)(state.world.fields, state.data.replace(qpos=qpos)))
 
 
 LIMITS = {("equality", False): (0.5, 0.1), ("joint_range", False): (5.0, 0.7), ("equality", True): (5.0, 0.7)}
@@ -192,7 +198,8 @@ def roaming():
     """States of up to 4 agents and 3 objects; they are the same of every lock type."""
     env, reset, _ = jitted()
     keys = jax.random.split(seeds.key(5), N_WORLDS)
-    return jax.tree.map(lambda *x: jnp.stack(x), *(reset(key, env.default_params) for key in keys))
+    drawn = [jax.device_get(reset(key, env.default_params).replace(key=())) for key in keys]
+    return jax.tree.map(lambda *x: np.stack(x), *drawn).replace(key=keys)
 
 
 @pytest.mark.parametrize("lock_type", LOCK_TYPES)
@@ -222,7 +229,7 @@ def test_locks_over_time(lock_type, roaming):
     assert not faults.any()
     modules = [env.base.modules[name] for name in ("box", "ramp")]
     present = np.concatenate([roaming.world.active[m.kind] for m in modules], axis=1)
-    extents = np.concatenate([jax.vmap(m.extents_of)(roaming.world) for m in modules], axis=1)
+    extents = np.concatenate([jax.jit(jax.vmap(m.extents_of))(roaming.world) for m in modules], axis=1)
     playing = np.asarray(roaming.world.active["agent"])
     at, to = qpos[..., env.base.agents.qpos_ids], qpos[..., np.concatenate([m.qpos_ids for m in modules])]
     gap = at[..., :, None, :3] - to[..., None, :, :3]
@@ -285,15 +292,16 @@ def test_only_what_is_near_and_present_is_locked(locking):
     env = build(radius=0.25, lock_type="any")
     reset, step = jax.jit(env.reset), jax.jit(env.step)
     agents, box = env.base.agents, env.base.modules["box"]
-    seen = []
+    extents_of, seen = jax.jit(box.extents_of), []
     for seed in range(40):
         start = reset(seeds.key(seed))
-        extents = np.asarray(box.extents_of(start.world))[0]
+        extents = np.asarray(extents_of(start.world))[0]
         gap = seeds.rng(seed).uniform(0.16, 0.35)
         centre = np.asarray(start.data.qpos)[box.qpos_ids[0]]
         at = centre[:2] + np.array([extents[0] / 2 + gap, 0])
-        qpos = start.data.qpos.at[agents.qpos_ids[0, :2]].set(jnp.asarray(at))
-        state = start.replace(data=env.base.engine.pose(start.world.fields, start.data.replace(qpos=qpos)))
+        qpos = np.array(start.data.qpos)
+        qpos[agents.qpos_ids[0, :2]] = at
+        state = start.replace(data=posed(env)(start.world.fields, start.data.replace(qpos=qpos)))
         state = step(state, action(np.array([[1, 0, 0]] + [[0, 0, 0]] * 3)))
         assert bool(handled(state.obs)["obj_lock"][0, 0]) == (gap <= 0.25) or abs(gap - 0.25) < 1e-3
         seen.append(gap <= 0.25)
@@ -303,7 +311,7 @@ def test_only_what_is_near_and_present_is_locked(locking):
             assert not np.asarray(handled(state.obs)["team_lock"])[2:].any()
             assert int(state.mechanics["locks"].owner[0]) == 0
         assert not np.asarray(state.mechanics["locks"].locked)[~np.asarray(
-            jnp.concatenate([state.world.active["box"], state.world.active["ramp"]]))].any()  # fmt: skip
+            np.concatenate([state.world.active["box"], state.world.active["ramp"]]))].any()  # fmt: skip
     assert 0.1 < np.mean(seen) < 0.9
 
 

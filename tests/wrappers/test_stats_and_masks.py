@@ -214,9 +214,9 @@ def test_mask_actions(sensing, start):
     """By what was seen, object by object, and by a function of the state, agent by agent."""
     env, rng = Given(sensing, start), seeds.rng(2)
     seen = {"sees_box": rng.random((4, 2)) < 0.5, "sees_ramp": rng.random((4, 1)) < 0.5}
-    state = jax.tree.map(lambda x: x[0], start)
+    state = maax.world_of(start, 0)
     sight = state.mechanics["line_of_sight"] | seen
-    state = state.replace(mechanics=state.mechanics | {"line_of_sight": sight}, step=jnp.array(2))
+    state = state.replace(mechanics=state.mechanics | {"line_of_sight": sight}, step=np.int32(2))
     action = {"move": rng.uniform(-1, 1, (4, 3)).astype(np.float32), "lock": rng.integers(0, 2, (4, 3), np.int8)}
 
     by_sight = maax.MaskActions(env, "lock", ["sees_box", "sees_ramp"]).action(state, action)
@@ -234,7 +234,7 @@ def test_mask_actions(sensing, start):
 
 def test_mask_unseen_action(sensing, start):
     """Every way in which 2 hiders and 2 seekers see each other; seekers that see seekers do not count."""
-    state = jax.tree.map(lambda x: x[0], start)
+    state = maax.world_of(start, 0)
     rng = seeds.rng(3)
     action = {"move": np.ones((4, 3), np.float32), "lock": np.ones((4, 3), np.int8)}
     envs = [maax.MaskUnseenAction(sensing, "lock"), maax.MaskUnseenAction(sensing, "lock", team=1)]

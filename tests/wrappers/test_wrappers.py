@@ -37,10 +37,11 @@ def state(touching):
 def place(env, state, xy, active, mask=None):
     """The state with agents at `xy` (5, 2), of whom some are in play, and a contact mask if given."""
     ids = env.base.agents.qpos_ids[:, :2]
-    data = state.data.replace(qpos=state.data.qpos.at[ids].set(jnp.asarray(xy, jnp.float32)))
-    world = state.world.replace(active=state.world.active | {"agent": jnp.asarray(active)})
-    mechanics = state.mechanics if mask is None else state.mechanics | {"contact": jnp.asarray(mask)}
-    return state.replace(data=data, world=world, mechanics=mechanics)
+    qpos = np.array(state.data.qpos)
+    qpos[ids] = xy
+    world = state.world.replace(active=state.world.active | {"agent": np.asarray(active)})
+    mechanics = state.mechanics if mask is None else state.mechanics | {"contact": np.asarray(mask)}
+    return state.replace(data=state.data.replace(qpos=qpos), world=world, mechanics=mechanics)
 
 
 def reward_oracle(mask, team, active, rew_type):
@@ -71,7 +72,9 @@ def test_rewards(rew_type, touching, state):
         for _ in range(20):
             mask = rng.random((5, 5)) < 0.3
             mask = (mask | mask.T) & ~np.eye(5, dtype=bool)
-            here = place(env, state, np.zeros((5, 2)), np.array(active), mask).replace(reward=jnp.full(5, 0.5))
+            here = place(env, state, np.zeros((5, 2)), np.array(active), mask).replace(
+                reward=np.full(5, 0.5, np.float32)
+            )
             close(reward(here) - 0.5, 2 * reward_oracle(mask, [0, 0, 0, 1, 1], active, rew_type), atol=1e-6)
 
 
@@ -102,6 +105,7 @@ def test_contact_and_team_sizes(touching, state):
     look = jax.jit(lambda s: touching.observe(s).obs["contact_mask"])
     sizes = jax.jit(lambda s: touching.env.observation(s)["team_size"])
     far = maax.AgentAgentContactMask2D(touching.env, distance=1.0)
+    look_far = jax.jit(lambda s: far.observe(s).obs["contact_mask"])
     rng = seeds.rng(1)
     for _ in range(100):
         xy, active = rng.uniform(0, 0.9, (5, 2)), rng.random(5) < 0.7
@@ -109,7 +113,7 @@ def test_contact_and_team_sizes(touching, state):
         gap = np.linalg.norm(xy[:, None] - xy, axis=-1)
         both = active & active[:, None] & ~np.eye(5, dtype=bool)
         equal(look(here), (gap <= 0.301) & both)
-        equal(far.observe(here).obs["contact_mask"], (gap <= 1.0) & both)
+        equal(look_far(here), (gap <= 1.0) & both)
         members = np.array([active[:3].sum()] * 3 + [active[3:].sum()] * 2)
         equal(sizes(here)[:, 0], np.where(active, members, 0))
 
@@ -160,21 +164,20 @@ def test_a_phase_that_fills_the_episode_and_one_that_is_none(touching):
 def test_rectangle(touching, state):
     env = maax.RestrictAgentsRect(touching, (1, 1, 5, 4), penalty=10, penalize_objects_out=True)
     box, ramp = (env.base.modules[name].qpos_ids[0, :2] for name in ("box", "ramp"))
-    rng = seeds.rng(2)
+    reward, rng = jax.jit(lambda s: env.reward(s)), seeds.rng(2)
     outs = []
     for _ in range(100):
         xy, active = rng.uniform(0, 6, (5, 2)), rng.random(5) < 0.7
         objects = rng.uniform([0.5, 0.5], [5.5, 4.5], (2, 2))
-        here = place(env, state, xy, active).replace(reward=jnp.arange(5.0))
-        qpos = here.data.qpos.at[box].set(objects[0]).at[ramp].set(objects[1])
-        here = here.replace(data=here.data.replace(qpos=qpos))
+        here = place(env, state, xy, active).replace(reward=np.arange(5, dtype=np.float32))
+        here.data.qpos[box], here.data.qpos[ramp] = objects
 
         def outside(p):
             return (p[:, 0] < 1) | (p[:, 0] > 5) | (p[:, 1] < 1) | (p[:, 1] > 4)
 
         all_out = outside(objects).any()
         outs.append(all_out)
-        equal(env.reward(here), np.where(active & (outside(xy) | all_out), -10, np.arange(5)))
+        equal(reward(here), np.where(active & (outside(xy) | all_out), -10, np.arange(5)))
     assert 0.2 < np.mean(outs) < 0.8
 
 
@@ -201,30 +204,37 @@ def test_discrete_actions(touching):
 def test_split_spoof_join_flatten(touching):
     """Every array of the split observations, against the circulant order written out."""
     split = maax.SplitObservations(touching)
-    raw, state = touching.reset(seeds.key(5)), split.reset(seeds.key(5))
-    obs = {k: np.asarray(v) for k, v in state.obs.items()}
+    spoofed = maax.SpoofEntities(split, 3, ["box_obs"], ["box_mask"])
+    joined = maax.ConcatenateObservations(spoofed, {"me": ["agent_qpos_qvel_self", "agent_team_self", "team_size"]})
+    chosen = maax.SelectObservations(joined, ["me", "box_obs"])
+    flat = maax.FlattenObservations(chosen)
+
+    @jax.jit
+    def views(key):
+        """The state of the game, and what each layer around it makes of it."""
+        states = [touching.reset(key)]
+        for layer in (split, spoofed, joined, chosen, flat):
+            states.append(layer.observe(states[-1]))
+        return [state.obs for state in states]
+
+    raw, obs, padded, together, _, last = jax.device_get(views(seeds.key(5)))
     own = ["agent_qpos_qvel", "agent_team", "agent_mask"]
     for i in range(5):
         others = [(i - 1 - j) % 5 for j in range(4)]
         for key in own:
-            equal(obs[f"{key}_self"][i], raw.obs[key][i])
-            equal(obs[key][i], [raw.obs[key][j] for j in others])
-        equal(obs["contact_mask"][i], [raw.obs["contact_mask"][i, j] for j in others])
-        equal(obs["team_size"][i], raw.obs["team_size"][i])
+            equal(obs[f"{key}_self"][i], raw[key][i])
+            equal(obs[key][i], [raw[key][j] for j in others])
+        equal(obs["contact_mask"][i], [raw["contact_mask"][i, j] for j in others])
+        equal(obs["team_size"][i], raw["team_size"][i])
         for key in ("box_obs", "box_mask", "ramp_obs", "ramp_mask"):
-            equal(obs[key][i], raw.obs[key])
+            equal(obs[key][i], raw[key])
     assert not {"agent_pos", "agent_angle"} & set(obs)
-    spoofed = maax.SpoofEntities(split, 3, ["box_obs"], ["box_mask"])
-    padded = spoofed.reset(seeds.key(5)).obs
     equal(padded["box_obs"][:, :1], obs["box_obs"])
     assert padded["box_obs"].shape == (5, 3, 9)
     assert not padded["box_obs"][:, 1:].any()
     equal(padded["box_mask_spoof"], [[True, False, False]] * 5)
-    joined = maax.ConcatenateObservations(spoofed, {"me": ["agent_qpos_qvel_self", "agent_team_self", "team_size"]})
-    equal(joined.reset(seeds.key(5)).obs["me"][:, 8:9], obs["agent_team_self"])
-    chosen = maax.SelectObservations(joined, ["me", "box_obs"])
-    flat = maax.FlattenObservations(chosen)
-    vector = flat.reset(seeds.key(5)).obs["obs"]
+    equal(together["me"][:, 8:9], obs["agent_team_self"])
+    vector = last["obs"]
     want = np.concatenate([np.asarray(padded["box_obs"]).reshape(5, -1), obs["agent_qpos_qvel_self"]], axis=1)
     equal(vector[:, : want.shape[1]], want)
     assert flat.observation_space["obs"].shape == vector.shape == (5, 27 + 10)
