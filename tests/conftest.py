@@ -17,7 +17,6 @@ os.environ["MAAX_XLA_LEVEL"] = "0"
 
 import maax_mjx as maax  # isort: skip
 
-import contextlib
 
 import jax
 import pytest
@@ -27,13 +26,6 @@ from hypothesis import settings
 gc.set_threshold(50_000, 10, 10)
 settings.register_profile("maax", deadline=None, max_examples=25)
 settings.load_profile("maax")
-
-# Warp's kernels, too, are compiled much and run little; inlining as much as it does takes most of the time.
-with contextlib.suppress(ImportError):
-    import warp
-
-    warp.config.optimization_level = 0
-    warp.config.cpu_compiler_flags = "-march=native"
 
 LONGEST = (
     "test_readme", "test_notebooks", "test_env", "test_check_env", "test_hostile", "test_physics", "test_games",
