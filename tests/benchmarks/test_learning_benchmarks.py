@@ -13,8 +13,9 @@ from maax_mjx.training import config
 
 
 @pytest.mark.slow
-def test_train_speed(run, folder):
+def test_train_speed(run, folder, monkeypatch):
     toys.register()
+    monkeypatch.setitem(config.PRESETS, "laptop", training.preset("laptop", {"net.share": "all"}))
     options = {"env": ("echo",), "impl": ("c",), "worlds": (4,), "preset": "laptop", "turns": 1, "minibatches": (2,)}
     nets = {"encoder": ("flat",), "core": ("none",), "epochs": (1,)}
     rows = run(train_speed, folder / "train_speed_cpu.json", **options, **nets)
@@ -47,8 +48,10 @@ def test_learning(run, folder, monkeypatch):
         "horizon": 10,
         "impl": "c",
         "observations": "ego",
+        "stats": False,
     }
-    tiny = replace(training.preset("laptop", small | {"ppo.minibatches": 2}), env=env)
+    small |= {"ppo.minibatches": 2, "league.share": 0.0}
+    tiny = replace(training.preset("laptop", small), env=env)
     monkeypatch.setitem(config.PRESETS, "laptop", tiny)
     options = {"env": ("hide_and_seek",), "seeds": (3,), "minutes": (0.0001,), "episodes": 8, "runs": folder / "runs"}
     (row,) = run(learning, folder / "learning_cpu.json", **options)
