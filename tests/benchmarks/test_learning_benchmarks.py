@@ -48,7 +48,6 @@ def test_learning(run, folder, monkeypatch):
         "horizon": 10,
         "impl": "c",
         "observations": "ego",
-        "stats": False,
     }
     small |= {"ppo.minibatches": 2, "league.share": 0.0}
     tiny = replace(training.preset("laptop", small), env=env)
