@@ -13,27 +13,33 @@ from maax_mjx.training import config
 
 
 @pytest.mark.slow
-def test_train_speed(run, folder):
+def test_train_speed(run, folder, monkeypatch):
     toys.register()
+    monkeypatch.setitem(config.PRESETS, "laptop", training.preset("laptop", {"net.share": "all"}))
     options = {"env": ("echo",), "impl": ("c",), "worlds": (4,), "preset": "laptop", "turns": 1, "minibatches": (2,)}
-    nets = {"encoder": ("flat", "pool"), "core": ("none",), "epochs": (1,)}
-    rows = run(train_speed, folder / "train_speed_cpu.json", **options, **nets, part=("env", "train"))
-    # The environment alone has no networks, so that it is timed once.
-    assert [(row["part"], row["encoder"], row["epochs"]) for row in rows] == [
-        ("env", "", 0), ("train", "flat", 1), ("train", "pool", 1),
+    nets = {"encoder": ("flat",), "core": ("none",), "epochs": (1,)}
+    rows = run(train_speed, folder / "train_speed_cpu.json", **options, **nets)
+    assert [(row["part"], row["encoder"], row["core"], row["epochs"], row["minibatches"]) for row in rows] == [
+        ("env", "", "", 0, 0), ("play", "flat", "none", 0, 0), ("train", "flat", "none", 1, 2),
     ]  # fmt: skip
     for row in rows:
         assert row["unroll"] == 40
         assert 0 < row["env_steps_per_s"] <= row["fastest"]
-    (played,) = run(train_speed, folder / "play_cpu.json", **options, **nets | {"encoder": ("flat",)}, part=("play",))
-    assert played["core"] == "none"
-    assert played["minibatches"] == 0
+
+
+def test_what_a_part_does_not_have_is_not_varied():
+    """The environment alone has no networks, and play no updates, so that they are timed once and once each."""
+    several = train_speed.Config(encoder=("flat", "pool"), epochs=(1, 2))
+    assert [(case.part, case.encoder, case.epochs) for case in train_speed.cases(several)] == [
+        ("env", "", 0), ("play", "flat", 0), ("train", "flat", 1), ("train", "flat", 2), ("play", "pool", 0),
+        ("train", "pool", 1), ("train", "pool", 2),
+    ]  # fmt: skip
 
 
 @pytest.mark.slow
 def test_learning(run, folder, monkeypatch):
     """In the smallest game of hiders and seekers; a run that has had its minutes is not trained again."""
-    small = {"net.encoder": "flat", "net.hidden": 8, "worlds": 4, "ppo.unroll": 10, "ppo.chunk": 10}
+    small = {"net.encoder": "flat", "net.hidden": 8, "net.share": "all", "worlds": 4, "ppo.unroll": 10, "ppo.chunk": 10}
     env = {
         "n_boxes": 0,
         "n_ramps": 0,
@@ -43,7 +49,8 @@ def test_learning(run, folder, monkeypatch):
         "impl": "c",
         "observations": "ego",
     }
-    tiny = replace(training.preset("laptop", small | {"ppo.minibatches": 2}), env=env)
+    small |= {"ppo.minibatches": 2, "league.share": 0.0}
+    tiny = replace(training.preset("laptop", small), env=env)
     monkeypatch.setitem(config.PRESETS, "laptop", tiny)
     options = {"env": ("hide_and_seek",), "seeds": (3,), "minutes": (0.0001,), "episodes": 8, "runs": folder / "runs"}
     (row,) = run(learning, folder / "learning_cpu.json", **options)

@@ -162,7 +162,7 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
 
 def test_an_interrupt_writes_what_was_done(tmp_path):
     """It ends the rollout after the step that runs, with everything written; the same again at once changes nothing."""
-    process = started_rollout(tmp_path, until="4 worlds")
+    process = started_rollout(tmp_path, "4 worlds", "--env.n_boxes=0", "--env.n_ramps=0", "--env.scenario=empty")
     # A longer film only takes longer to draw.
     time.sleep(0.1)
     process.send_signal(signal.SIGTERM)
@@ -179,7 +179,7 @@ def test_an_interrupt_writes_what_was_done(tmp_path):
 
 def test_ctrl_c_ends_a_compilation(tmp_path):
     """There is nothing to write yet: the process ends at once, without a traceback or a crash."""
-    process = started_rollout(tmp_path, until="compiling")
+    process = started_rollout(tmp_path, "compiling")
     time.sleep(1.5)
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
@@ -191,10 +191,10 @@ def test_ctrl_c_ends_a_compilation(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def started_rollout(folder, until):
+def started_rollout(folder, until, *options):
     """A rollout without end in a process of its own, when it has said a word."""
     command = [sys.executable, "-c", "from maax_mjx.cli import main; main()", "rollout", "--worlds=4"]
-    options = ["--steps=10000000", "--json", f"--out={folder}"]
+    options = ["--steps=10000000", "--json", f"--out={folder}", *options]
     process = subprocess.Popen([*command, *options], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     seen = ""
     while until not in seen:

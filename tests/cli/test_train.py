@@ -14,7 +14,7 @@ from maax_mjx.cli import main
 pytestmark = pytest.mark.slow
 
 SMALL = ["--worlds", "4", "--net.encoder", "flat", "--net.core", "none", "--net.hidden", "8"]
-SMALL += ["--ppo.unroll", "4", "--ppo.chunk", "2", "--ppo.epochs", "1"]
+SMALL += ["--ppo.unroll", "4", "--ppo.chunk", "4", "--ppo.epochs", "1", "--ppo.minibatches", "1"]
 GAME = ["--env.n_boxes", "0", "--env.n_ramps", "0", "--env.horizon", "8", "--env.scenario", "empty"]
 
 

@@ -17,8 +17,8 @@ from helpers import toys
 from maax_mjx import training
 
 ROOT = Path(__file__).parents[2]
-SMALL = {"net.encoder": "flat", "net.core": "none", "net.hidden": 8, "ppo.unroll": 4, "ppo.minibatches": 2}
-SMALL |= {"ppo.chunk": 2, "ppo.epochs": 1}
+SMALL = {"net.encoder": "flat", "net.core": "none", "net.hidden": 8, "net.share": "all", "ppo.unroll": 4}
+SMALL |= {"ppo.chunk": 2, "ppo.epochs": 1, "ppo.minibatches": 2}
 WORLDS, STEPS = 8, 3 * 32
 CODE = f"""
 import sys
@@ -33,10 +33,11 @@ from maax_mjx import training
 
 # The first process alone asks for the end, after three iterations; all have to hear of it.
 stop = lambda now: process != 0 or now.steps < {STEPS}
-one = training.Trainer(toys.echo(impl="jax"), folder, "laptop", {WORLDS}, **{SMALL})
+env = toys.echo()
+one = training.Trainer(env, folder, "laptop", {WORLDS}, **{SMALL})
 done = one.run(steps=None if count > 1 else {STEPS}, on_iteration=stop)
 assert len(jax.devices()) == 2 and done.policy.steps == {STEPS}
-again = training.Trainer(toys.echo(impl="jax"), folder, "laptop", {WORLDS}, **{SMALL})
+again = training.Trainer(env, folder, "laptop", {WORLDS}, **{SMALL})
 assert again.iteration == 3
 """
 TIMES = {"compile_s", "env_steps_per_s", "seconds"}
@@ -46,7 +47,7 @@ TIMES = {"compile_s", "env_steps_per_s", "seconds"}
 def alone(tmp_path_factory):
     """A run on one device."""
     folder = tmp_path_factory.mktemp("alone") / "run"
-    training.Trainer(toys.echo(impl="jax"), folder, "laptop", WORLDS, devices=1, **SMALL).run(steps=STEPS)
+    training.Trainer(toys.echo(), folder, "laptop", WORLDS, devices=1, **SMALL).run(steps=STEPS)
     return folder
 
 
@@ -55,7 +56,8 @@ def alone(tmp_path_factory):
 def test_two_devices_learn_what_one_does(processes, alone, tmp_path):
     """The same worlds, the same minibatches: sums of floats in another order are all that differs."""
     flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={2 // processes}"
-    env = os.environ | {"PYTHONPATH": str(ROOT), "XLA_FLAGS": flags}
+    # The engine c needs more threads where it has two devices.
+    env = os.environ | {"PYTHONPATH": str(ROOT), "XLA_FLAGS": flags, "NPROC": "8"}
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]

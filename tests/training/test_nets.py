@@ -18,6 +18,7 @@ from maax_mjx.training.policy import check_fits
 from maax_mjx.training.spec import Features, Kind, Part, Spec
 
 T, N, A = 6, 3, 4
+CHUNK = 3
 ENCODERS, CORES = ("flat", "pool", "attend"), ("none", "gru", "lstm")
 HEADS = (Head("lock", 5, 2, (5,), (("box", 3), ("ramp", 2))), Head("move", 3, 11, (3,)), Head("turn", 1, 0, (1,)))
 
@@ -86,16 +87,16 @@ def assert_close(a, b, atol=1e-5):
 
 @pytest.mark.parametrize(
     ("encoder", "core", "share"),
-    [*((encoder, core, "all") for encoder in ENCODERS for core in CORES), ("pool", "lstm", "team")],
+    [*((encoder, core, "all") for encoder in ENCODERS for core in CORES), ("flat", "lstm", "team")],
 )
 def test_in_chunks_or_at_once_is_the_same(encoder, core, share):
     net, features, begun = network(encoder, core, share), draw_features(), begins((0, 1), (2, 0), (4, 1), (4, 2))
     weights = loud(net.draw(seeds.key(0)))
     whole, after = both(net, weights, features, begun=begun)
     memory, parts = net.memory(N), []
-    for t in range(0, T, 2):
-        cut = jax.tree.map(lambda x, t=t: x[t : t + 2], features)
-        found, (actor, critic) = both(net, weights, cut, memory, begun[t : t + 2])
+    for t in range(0, T, CHUNK):
+        cut = jax.tree.map(lambda x, t=t: x[t : t + CHUNK], features)
+        found, (actor, critic) = both(net, weights, cut, memory, begun[t : t + CHUNK])
         memory = memory.replace(actor=actor, critic=critic)
         parts.append(found)
     assert_close(whole, jax.tree.map(lambda *x: jnp.concatenate(x), *parts))
@@ -106,10 +107,10 @@ def test_in_chunks_or_at_once_is_the_same(encoder, core, share):
 def test_memory_is_zeroed_where_an_episode_begins_and_nowhere_else(core):
     net, features = network("pool", core), draw_features()
     weights = loud(net.draw(seeds.key(0)))
-    fresh = jax.tree.map(lambda x: x[3:], features)
+    fresh = jax.tree.map(lambda x: x[-CHUNK:], features)
     (begun, _), _ = both(net, weights, features, begun=begins((3, 1)))
     (plain, _), _ = both(net, weights, features)
-    (alone, _), _ = both(net, weights, fresh, begun=jnp.zeros((T - 3, N), bool))
+    (alone, _), _ = both(net, weights, fresh, begun=begins()[-CHUNK:])
     for name in begun:
         # The world whose episode begins is as if nothing had been before; the others go on.
         np.testing.assert_allclose(begun[name][3:, 1], alone[name][:, 1], atol=1e-5)
@@ -196,7 +197,7 @@ def test_a_flat_encoder_takes_as_many_entities_as_it_learnt_with():
 
 
 def test_teams_may_have_parameters_of_their_own():
-    net, features = network(share="team"), draw_features()
+    net, features = network("flat", share="team"), draw_features()
     weights = loud(net.draw(seeds.key(0)))
     assert set(weights.actor) == set(weights.critic) == {"hiders", "seekers"}
     (out, _), _ = both(net, weights, features)

@@ -20,9 +20,11 @@ from maax_mjx import training
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
-    "net.encoder": "flat", "net.core": "gru", "net.hidden": 8, "ppo.unroll": 4, "ppo.chunk": 2, "ppo.minibatches": 2,
-    "ppo.epochs": 1, "league.every": 2,
+    "net.encoder": "flat", "net.core": "gru", "net.hidden": 8, "net.share": "all", "ppo.unroll": 4, "ppo.chunk": 2,
+    "ppo.minibatches": 2, "ppo.epochs": 1, "league.every": 2,
 }  # fmt: skip
+PLAIN = SMALL | {"net.core": "none", "ppo.minibatches": 1}
+"""For the engine that compiles slowly: memories and the order of minibatches are those of any engine."""
 N, FEW = 8, 6
 PER_ITERATION = 4 * N
 
@@ -41,8 +43,8 @@ trainer.run(on_iteration=stop)
 """
 
 
-def trainer(folder, impl="c", **changed):
-    return training.Trainer(toys.echo(impl=impl), folder, "laptop", N, **(SMALL | changed))
+def trainer(folder, env=None, **changed):
+    return training.Trainer(env or toys.echo(), folder, "laptop", N, **(SMALL | changed))
 
 
 @pytest.fixture(scope="module")
@@ -98,15 +100,18 @@ def test_without_tensorboardx_a_sentence_says_what_to_install(tmp_path, monkeypa
 def test_a_killed_run_goes_on_bit_for_bit(impl, run, tmp_path):
     """Killed after half of it, saved just before, and gone on in another process."""
     if impl == "c":
-        whole = run[0]
+        whole, small = run[0], SMALL
     else:
-        whole = trainer(tmp_path / "whole", impl)
+        small = PLAIN
+        whole = trainer(tmp_path / "whole", toys.echo(impl=impl), **small)
         whole.run(steps=FEW * PER_ITERATION)
-    code = CHILD.format(half=FEW // 2, impl=impl, folder=str(tmp_path / "cut"), n=N, small=SMALL)
+    code = CHILD.format(half=FEW // 2, impl=impl, folder=str(tmp_path / "cut"), n=N, small=small)
     killed = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert killed.returncode == -9, killed.stderr
-    again = trainer(tmp_path / "cut", impl)
+    again = trainer(tmp_path / "cut", whole.env, **small)
     assert again.iteration == FEW // 2
+    # The same program, which need not be compiled again.
+    again._iterate = whole._iterate
     again.run(steps=FEW * PER_ITERATION)
     for name in ("learner", "states", "memory"):
         mine, theirs = getattr(whole, name), getattr(again, name)
