@@ -11,13 +11,12 @@ from maax_mjx.benchmarks import updates
 @pytest.mark.slow
 def test_updates_by_part(run, folder):
     toys.register()
-    options = {"env": ("echo",), "preset": "laptop", "rows": (8,), "minibatches": (2,), "chunk": (4,)}
-    plain, remembers = run(updates, folder / "updates_cpu.json", **options, core=("none", "lstm"))
-    for row in (plain, remembers):
-        assert row["ns"] > 0
-        assert sum(row["parts_ns"].values()) == pytest.approx(row["traced_ns"], rel=0.01)
-        assert row["parts_ns"]["entities"] > 0
-    assert plain["parts_ns"]["memory"] == 0 < remembers["parts_ns"]["memory"]
+    options = {"env": ("echo",), "preset": "laptop", "rows": (4,), "minibatches": (1,), "chunk": (2,)}
+    (row,) = run(updates, folder / "updates_cpu.json", **options, core=("gru",))
+    assert row["ns"] > 0
+    assert sum(row["parts_ns"].values()) == pytest.approx(row["traced_ns"], rel=0.01)
+    assert row["parts_ns"]["entities"] > 0
+    assert row["parts_ns"]["memory"] > 0
 
 
 @pytest.mark.parametrize(
