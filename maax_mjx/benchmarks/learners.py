@@ -85,7 +85,7 @@ class Row(Case, Measured):
     Attributes:
         seconds: of training.
         env_steps_per_s: steps of all worlds.
-        first, last: mean reward of an agent's step in the first update, and in the last tenth of the time.
+        first, last: mean reward of an agent's step in the first update that knows it, and in the last tenth of the time.
         compile_s: until the first update was made.
     """
 
@@ -184,9 +184,12 @@ def learn_sb3(config: Config, seed: int, clock: Clock) -> None:
         def _on_step(self) -> bool:
             return True
 
+        def _on_rollout_end(self) -> None:
+            self.reward = self.model.rollout_buffer.rewards.mean()
+
         def _on_rollout_start(self) -> None:
             if self.num_timesteps:
-                clock.note(self.num_timesteps // AGENTS, self.model.rollout_buffer.rewards.mean())
+                clock.note(self.num_timesteps // AGENTS, self.reward)
 
     worlds = block("class AsVecEnv")["AsVecEnv"](maax.Worlds(gather(), config.worlds), seed)
     settings = {"n_steps": 50, "batch_size": 800, "n_epochs": 4, "gamma": 0.95, "learning_rate": 1e-3}
@@ -220,7 +223,8 @@ def script_of(name: str, config: Config, clock: Clock) -> ModuleType:
             steps, total = numbers["env_step"], numbers["returns"] / AGENTS
         else:
             steps, total = numbers["env_step"], numbers["returned_episode_returns"]
-        clock.note(int(steps), float(np.mean(total)) / HORIZON)
+        # Theirs are of the last episodes that ended; nothing is known before.
+        clock.note(int(steps), float(np.mean(total)) / HORIZON or np.nan)
 
     assert config.jaxmarl is not None
     same: Callable[..., Any] = lambda *_, **__: lambda main: main  # noqa: E731
@@ -280,14 +284,15 @@ def measure(case: Case, config: Config) -> Row:
     clock = Clock(config.seconds)
     with suppress(TimeUp):
         LEARNERS[case.learner](config, case.seed, clock)
-    (compile_s, before, first), *_, (end, steps, _) = clock.noted
+    (compile_s, before, _), *_, (end, steps, _) = clock.noted
     spent = end - compile_s
-    last = [reward for when, _, reward in clock.noted if when >= end - 0.1 * spent]
+    known = [(when, reward) for when, _, reward in clock.noted if np.isfinite(reward)]
+    last = [reward for when, reward in known if when >= end - 0.1 * spent]
     return Row(
         **vars(case),
         seconds=round(spent, 1),
         env_steps_per_s=round((steps - before) / spent),
-        first=round(first, 3),
+        first=round(known[0][1], 3),
         last=round(float(np.mean(last)), 3),
         compile_s=round(compile_s, 1),
     )
