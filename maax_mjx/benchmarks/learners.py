@@ -85,7 +85,9 @@ class Row(Case, Measured):
     Attributes:
         seconds: of training.
         env_steps_per_s: steps of all worlds.
-        first, last: mean reward of an agent's step in the first update that knows it, and in the last tenth of the time.
+        first, last: mean reward of an agent's step in the first update that knows it, and in the last tenth of the
+            time.
+            The first of JaxMARL's scripts is too high: it takes agents whose episode has not ended for 0.
         compile_s: until the first update was made.
     """
 
