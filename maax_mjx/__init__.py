@@ -8,6 +8,8 @@ keep_compiled_programs()
 from maax_mjx import testing  # noqa: E402
 from maax_mjx.common.observed import Column, Observed  # noqa: E402
 from maax_mjx.common.params import DomainParams  # noqa: E402
+from maax_mjx.common.version import VERSION  # noqa: E402
+from maax_mjx.core.diagnosis import diagnose  # noqa: E402
 from maax_mjx.core.env import Base, Environment  # noqa: E402
 from maax_mjx.core.export import to_mjcf, world_of  # noqa: E402
 from maax_mjx.core.state import State  # noqa: E402
@@ -44,7 +46,7 @@ from maax_mjx.modules import (  # noqa: E402
     WallScenarios,
     WorldConstants,
 )
-from maax_mjx.parallel import Checkpoints, Worlds, WorldsState  # noqa: E402
+from maax_mjx.parallel import Checkpoints, Recording, Worlds, WorldsState, load_fault  # noqa: E402
 from maax_mjx.parallel.curriculum import Curriculum  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError, register_engine  # noqa: E402
 from maax_mjx.tasks import (  # noqa: E402
@@ -66,7 +68,7 @@ from maax_mjx.tasks import (  # noqa: E402
     register,
     tasks,
 )
-from maax_mjx.viewer import Recording, Replay, marks_of, record, render, replay, video  # noqa: E402
+from maax_mjx.viewer import Replay, marks_of, record, render, replay, video  # noqa: E402
 from maax_mjx.worldgen import WorldParams  # noqa: E402
 from maax_mjx.wrappers import (  # noqa: E402
     ActionWrapper,
@@ -101,7 +103,7 @@ from maax_mjx.wrappers import (  # noqa: E402
     extended,
 )
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 __all__ = [
     "ActionWrapper",
@@ -180,8 +182,10 @@ __all__ = [
     "at_placement",
     "centre_placement",
     "config_of",
+    "diagnose",
     "extended",
     "jitted",
+    "load_fault",
     "make",
     "marks_of",
     "middle_placement",

@@ -176,7 +176,7 @@ def played(worlds: maax.Worlds, config: TrainConfig, policy: Path | None) -> tup
     network, weights = networks(worlds, config, policy)
 
     def play(index: jax.Array, weights: Any, key: jax.Array, states: Any, memory: Any) -> Any:
-        states, memory, batch, _ = collect(worlds.env, network, weights, None, index, states, memory, key, config.ppo)
+        states, memory, batch, _ = collect(worlds, network, weights, None, index, states, memory, key, config.ppo)
         # All of the batch is needed, or it would not be computed.
         return states, memory, jax.tree.map(lambda x: x.astype(jnp.float32).mean(), batch)
 

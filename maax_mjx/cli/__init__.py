@@ -88,7 +88,8 @@ def run(argv: list[str]) -> None:
     for group in GROUPS if argv[:1] == ["train"] else ():
         argv, found = split_overrides(argv, f"--{group}.")
         settings |= {f"{group}.{name}": text for name, text in found.items()}
-    if argv[:1] in (["rollout"], ["info"]) and len(argv) > 1 and not argv[1].startswith("-"):
+    named = argv[:1] in (["rollout"], ["info"]) and len(argv) > 1 and not argv[1].startswith("-")
+    if named and not (argv[0] == "info" and argv[1].endswith(".npz")):
         check_choice("env", argv[1], tasks())
     args = tyro.extras.subcommand_cli_from_dict(
         COMMANDS, args=argv, prog="maax-mjx", description=DESCRIPTION, config=(tyro.conf.OmitArgPrefixes,)

@@ -7,6 +7,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,8 +16,10 @@ from gymnasium import spaces
 
 import maax_mjx as maax
 from maax_mjx.cli.options import config_with, names, report
+from maax_mjx.cli.saved import TAKES, env_of
 from maax_mjx.common.runtime import cores
 from maax_mjx.core.describe import Description, Row
+from maax_mjx.parallel.recording import read
 from maax_mjx.physics import best_impl, check_impl, impls
 from maax_mjx.viewer.gl import backends
 
@@ -37,10 +40,10 @@ PACKAGES = (
 
 @dataclass
 class Info:
-    """Shows what is installed: versions, devices, engines; or an environment's config, teams and spaces."""
+    """Shows what is installed, an environment's config, teams and spaces, or what went wrong in a world."""
 
-    env: tyro.conf.Positional[names(maax.tasks()) | None] = None  # type: ignore[valid-type]
-    """An environment's name; without one, shows what is installed."""
+    env: tyro.conf.Positional[names(maax.tasks()) | Path | None] = None  # type: ignore[valid-type]
+    """An environment's name; or a file of keep_faults, whose last step is made again; without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 
@@ -51,8 +54,37 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
     Raises:
         ValueError: an unknown environment.
     """
-    result = of_env(args.env, overrides) if args.env else of_installation()
+    if isinstance(args.env, Path):
+        result = of_fault(args.env)
+    else:
+        result = of_env(args.env, overrides) if args.env else of_installation()
     report(result, args.json, "\n".join(_lines(result)))
+
+
+def of_fault(path: Path) -> dict[str, Any]:
+    """Collects where and when a world went astray, and what a diagnosis of its last step finds.
+
+    Args:
+        path: a file of `Worlds(..., keep_faults=folder)`.
+
+    Raises:
+        ValueError: another file, or an engine that cannot be used here.
+    """
+    meta, _ = read(path, TAKES)
+    if "fault" not in meta:
+        raise ValueError(f"file: got {path}, which has a rollout without faults; takes a file of keep_faults")
+    # The engine that led astray, where it runs; another one may not do it again.
+    here = meta["fault"]["engine"] if _engine(meta["fault"]["engine"]).startswith("works") else "auto"
+    fault = maax.load_fault(path, env_of(path, here))
+    found = fault.diagnose()
+    return {
+        "file": str(path),
+        "game": str(fault.env.made_from),
+        **{name: str(value) for name, value in fault.about.items()},
+        "frames": str(len(fault.recording.states.step)),
+        "astray again": "yes" if found.fault else f"no, on {found.engine}",
+        "about": str(found),
+    }
 
 
 def of_installation() -> dict[str, Any]:

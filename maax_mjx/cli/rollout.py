@@ -21,13 +21,14 @@ from maax_mjx.cli.options import Seed, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.progress import progress
+from maax_mjx.common.recorded import texts_of
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
-from maax_mjx.parallel import Worlds, WorldsState
+from maax_mjx.parallel import Recording, Worlds, WorldsState
 from maax_mjx.physics import impls
 from maax_mjx.training.policy import Policy
-from maax_mjx.viewer import Recording, contact_sheet
+from maax_mjx.viewer import contact_sheet
 from maax_mjx.viewer.film import select_worlds
 
 SHEET = 12
@@ -65,6 +66,8 @@ class Rollout:
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
     """Folder for the files."""
+    keep_faults: Path | None = None
+    """Folder for the last moments of worlds that go astray (for `maax-mjx info` and `replay`)."""
     json: bool = False
     """Whether to print the result as JSON; progress goes to stderr."""
 
@@ -102,11 +105,7 @@ def _as_learnt(env: str, policy: Policy) -> dict[str, str]:
     game = policy.game or {"game": "an environment of one's own", "config": {}}
     if game["game"] != env:
         raise ValueError(f"policy: got one of {game['game']}, to play {env}; takes one of the same game")
-    fields: dict[str, str] = {}
-    for name, value in game["config"].items():
-        inner = value if isinstance(value, dict) else {}
-        fields |= {f"{name}.{part}": repr(x) for part, x in inner.items()} or {name: repr(value)}
-    return {name: text for name, text in fields.items() if name != "impl"}
+    return texts_of(game["config"])
 
 
 def _rollout(
@@ -115,7 +114,7 @@ def _rollout(
     env = make_env(args.env, args.impl, overrides)
     _check_memory(env, args.worlds)
     make_folder(args.out)
-    worlds = Worlds(env, args.worlds)
+    worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
     bar = progress(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
     start = time.perf_counter()

@@ -60,6 +60,8 @@ class Train:
     """Whether saves have the worlds as well, so that the run goes on bit for bit; by default as the preset or run."""
     tensorboard: bool | None = None
     """Whether metrics are written for TensorBoard as well (extra "tensorboard"); by default as the run, or not."""
+    keep_faults: Path | None = None
+    """Folder for the last moments of worlds that go astray (for `maax-mjx info` and `replay`)."""
     json: bool = False
     """Whether to print the result as JSON; progress goes to stderr."""
     settings: tyro.conf.Suppress[dict[str, str]] = field(default_factory=dict)
@@ -90,6 +92,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
                 seed=args.seed,
                 begin_from=None if args.begin_from is None else training.Policy.load(args.begin_from),
                 env=fields,
+                keep_faults=args.keep_faults,
                 **{name: value_of(text) for name, text in args.settings.items()},
                 **{name: getattr(args, name) for name in SWITCHES if getattr(args, name) is not None},
             )

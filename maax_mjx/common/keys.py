@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable
+from typing import Any
 from zlib import crc32
 
 import jax
@@ -56,3 +57,17 @@ def draw_one(key: jax.Array, step: jax.Array, among: jax.Array) -> jax.Array:
     seed = hashed(functools.reduce(hashed, jax.random.key_data(key)), step)
     bits = hashed(seed, jnp.arange(among.size)).reshape(among.shape)
     return jnp.where(among, bits | 1, 0).argmax(axis=0).astype(jnp.int32)
+
+
+def _is_key(x: Any) -> bool:
+    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
+
+
+def keyless(tree: Any) -> Any:
+    """Replaces keys by their data."""
+    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
+
+
+def as_key(x: Any, like: Any) -> Any:
+    """Returns numbers as keys, where there was a key."""
+    return jax.random.wrap_key_data(jnp.asarray(x)) if _is_key(like) else x

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields, is_dataclass
 from typing import Any, NamedTuple, Self
+
+import numpy as np
 
 
 class Arguments(NamedTuple):
@@ -73,3 +76,24 @@ def _differences(config: Any, default: Any, where: str) -> dict[str, Any]:
         else:
             found[f"{where}{f.name}"] = value
     return found
+
+
+def plain_config(config: dict[str, Any]) -> dict[str, Any]:
+    """Returns fields of a config as JSON has them, with functions and objects as texts."""
+    return json.loads(json.dumps(config, default=_plain))
+
+
+def _plain(value: Any) -> Any:
+    """Returns what JSON takes for a value: a dict of a config, numbers of NumPy, else a text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else short(value)
+
+
+def texts_of(config: Mapping[str, Any]) -> dict[str, str]:
+    """Returns the fields of a plain config as texts, as the command line takes them, inner ones by dotted name."""
+    fields: dict[str, str] = {}
+    for name, value in config.items():
+        inner = value if isinstance(value, dict) else {}
+        fields |= {f"{name}.{part}": repr(x) for part, x in inner.items()} or {name: repr(value)}
+    return {name: text for name, text in fields.items() if name != "impl"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 from weakref import WeakSet
 
 import jax
@@ -25,6 +25,7 @@ from maax_mjx.modules.from_model import from_model
 from maax_mjx.modules.placed import MOST
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Engine, Overlay, check_impl, make_engine, union
+from maax_mjx.physics.watched import Watch, Watched
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
 
 GridSize = Annotated[int, Bounds(8, 1000)]
@@ -46,7 +47,12 @@ class Composition:
 
     Derived properties are computed when they are first read, and again after another module was added. The arguments
     are those of `Base`.
+
+    Attributes:
+        watch: what is shown every physics step of single worlds; set it before anything is read. See `diagnose`.
     """
+
+    watch: Watch | None = None
 
     def __init__(
         self,
@@ -217,7 +223,24 @@ class Composition:
     def engine(self) -> Engine:
         """The physics engine, made when it is first read, because it needs a JAX backend."""
         n_equalities = self.model.neq - sum(module.idle_equalities for module in self._modules.values())
-        return make_engine(self.impl, self.model, self.overlay, self.contacts_per_world, n_equalities)
+        engine = make_engine(self.impl, self.model, self.overlay, self.contacts_per_world, n_equalities)
+        return engine if self.watch is None else cast(Engine, Watched(engine, self.watch))
+
+    @from_model
+    def position_ids(self) -> np.ndarray:
+        """The coordinates of the positions of all that moves, in the order of `movables`: (n, 3)."""
+        # The first three coordinates are the position, for slides and for free joints.
+        return np.concatenate([m.qpos_ids[:, :3] for m in self.movables])
+
+    @from_model
+    def velocity_ids(self) -> np.ndarray:
+        """The degrees of freedom of their translations, (n, 3)."""
+        return np.concatenate([m.qvel_ids[:, :3] for m in self.movables])
+
+    @from_model
+    def is_agent(self) -> np.ndarray:
+        """Which of all that moves is an agent: (n,) bool."""
+        return np.concatenate([np.full(m.n_max, m is self.agents) for m in self.movables])
 
     @from_model
     def parameters(self) -> dict[str, Parameter]:

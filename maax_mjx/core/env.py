@@ -375,12 +375,8 @@ class Base(Composition, Environment):
         return world, data, overflow.any()
 
     def _fault(self, world: World, data: Data) -> jax.Array:
-        entities = self.movables
-        # The first three coordinates are the position, for slides and for free joints.
-        position = data.qpos[np.concatenate([m.qpos_ids[:, :3] for m in entities])]
-        active = jnp.concatenate([world.active[m.kind] for m in entities])
-        is_agent = np.concatenate([np.full(m.n_max, m is self.agents) for m in entities])
-        return find_fault(data, world.plan, position, active, is_agent)
+        active = jnp.concatenate([world.active[m.kind] for m in self.movables])
+        return find_fault(data, world.plan, data.qpos[self.position_ids], active, self.is_agent)
 
 
 def _again(kind: type[Environment], args: tuple[Any, ...], kwargs: dict[str, Any], modules: list[Any]) -> Environment:

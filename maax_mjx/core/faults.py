@@ -16,10 +16,7 @@ AGENT_CEILING = 3.0
 
 
 def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Array, is_agent: np.ndarray) -> jax.Array:
-    """Whether a world's physics went wrong.
-
-    A fault is a number that is not finite, an entity whose centre is more than 0.3 m outside a closed arena or below
-    the floor, or an agent above 3 m.
+    """Whether a world's physics went wrong: a number that is not finite, or an entity in play that is astray.
 
     Args:
         data: the state after a step.
@@ -32,10 +29,14 @@ def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Arra
         () bool, true for a fault.
     """
     finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
+    return ~finite | (astray(plan, position, is_agent) & active).any()
+
+
+def astray(plan: RoomPlan, position: jax.Array, is_agent: np.ndarray) -> jax.Array:
+    """Which entities are more than 0.3 m outside a closed arena or below the floor, or agents above 3 m: (n,) bool."""
     out = ((position[:, :2] < -MARGIN) | (position[:, :2] > plan.floor_size + MARGIN)).any(axis=1)
     out &= plan.closed
-    out |= (position[:, 2] < -MARGIN) | (is_agent & (position[:, 2] > AGENT_CEILING))
-    return ~finite | (out & active).any()
+    return out | (position[:, 2] < -MARGIN) | (is_agent & (position[:, 2] > AGENT_CEILING))
 
 
 def contain(fault: jax.Array, before: Data, after: Data) -> Data:

@@ -2,6 +2,8 @@
 
 from maax_mjx.parallel.checkpoint import Checkpoints
 from maax_mjx.parallel.episodes import WorldsState
+from maax_mjx.parallel.faults import Fault, load_fault
+from maax_mjx.parallel.recording import Recording
 from maax_mjx.parallel.worlds import Worlds
 
-__all__ = ["Checkpoints", "Worlds", "WorldsState"]
+__all__ = ["Checkpoints", "Fault", "Recording", "Worlds", "WorldsState", "load_fault"]

@@ -18,17 +18,16 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from maax_mjx.common.checks import LONG, check_bool, check_count, described
+from maax_mjx.common.keys import as_key, keyless
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.saved import (
     ABOUT,
     STATES,
     about_worlds,
-    as_key,
     boxed,
     check_others,
     game_text,
-    keyless,
     name_of,
     named,
     unboxed,
@@ -117,7 +116,7 @@ class Checkpoints:
             _check_worlds(worlds).check_states(states)
             if worlds.shards.method == "pmap" and jax.process_count() > 1:
                 raise ValueError("states: got those of pmap in several processes; takes method='shard_map' there")
-            flat = {name: worlds.flat(x) for name, x in named(keyless(states)).items()}
+            flat = {name: worlds.flat(x) for name, x in named(keyless(states.replace(recent=()))).items()}
             items |= {STATES: args.StandardSave(flat), ABOUT: args.JsonSave(about_worlds(worlds))}
         self._manager.save(number, args=args.Composite(**items))
 
@@ -159,7 +158,7 @@ class Checkpoints:
             _check_worlds(worlds)
             if not (save / STATES).is_dir():
                 raise ValueError(f"worlds: got some, and save {number} of {self.folder} has none; takes None")
-            wanted = named(jax.eval_shape(keyless, worlds.states_shape))
+            wanted = named(jax.eval_shape(keyless, worlds.states_shape.replace(recent=())))
             metadata = self._read(number, lambda: self._metadata(save / STATES))
             saved = {name: tuple(x.shape) for name, x in metadata.items()}
             resized = check_bool("resize", resize) and saved["step"][0] != worlds.n_worlds
@@ -259,7 +258,7 @@ def _states_of(worlds: Worlds, arrays: dict[str, Any]) -> WorldsState:
             saved = worlds.shards.put(np.empty(x.shape, x.dtype) if saved is None else saved)
         return as_key(saved, x)
 
-    return jax.tree.map_with_path(leaf, worlds.states_shape)
+    return worlds.remembering(jax.tree.map_with_path(leaf, worlds.states_shape.replace(recent=())))
 
 
 def _resized(worlds: Worlds, saved: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -274,7 +273,7 @@ def _resized(worlds: Worlds, saved: dict[str, np.ndarray]) -> dict[str, np.ndarr
     if len(saved["step"]) >= n:
         return {name: x[:n] for name, x in saved.items()}
     key = jax.random.fold_in(jax.random.wrap_key_data(jnp.asarray(saved["seed"][0])), len(saved["step"]))
-    fresh = named(jax.device_get(worlds.flat(keyless(worlds.reset(key)))))
+    fresh = named(jax.device_get(worlds.flat(keyless(worlds.reset(key).replace(recent=())))))
     return {name: np.concatenate([x, fresh[name][len(x) :]]) for name, x in saved.items()}
 
 

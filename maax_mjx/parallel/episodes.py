@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -44,6 +45,7 @@ class WorldsState(State):
             "contact_overflow", and episodes begun in a "layout_invalid" world.
         seed: (n_worlds,) keys that determine all episodes of a world.
         upcoming: the beginnings of the next episodes.
+        recent: what happened last, of worlds with `keep_faults`; else ().
     """
 
     final_obs: dict[str, jax.Array]
@@ -52,6 +54,7 @@ class WorldsState(State):
     counts: dict[str, jax.Array]
     seed: jax.Array
     upcoming: Upcoming
+    recent: Any = ()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {', '.join(summary(self))}>"
@@ -59,6 +62,10 @@ class WorldsState(State):
     def totals(self) -> dict[str, int]:
         """Sums `counts` over all worlds, on the host."""
         return {name: int(value.sum()) for name, value in self.counts.items()}
+
+
+Watch = Callable[[WorldsState, Any, jax.Array], Any]
+"""`(before, action, fault) -> recent`: what sees every step, and returns the next `WorldsState.recent`."""
 
 
 def begin(
@@ -99,8 +106,8 @@ def begin(
     )
 
 
-def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
-    """Steps all worlds once, and begins the next episode where one ended."""
+def advance(env: Environment, states: WorldsState, action: Any, watch: Watch | None = None) -> WorldsState:
+    """Steps all worlds once, and begins the next episode where one ended; `watch` sees the step."""
     stepped = strong(jax.vmap(env.step)(plain(states), action))
     done = stepped.done
     # The first step after an episode's end restarts the sums.
@@ -125,6 +132,7 @@ def advance(env: Environment, states: WorldsState, action: Any) -> WorldsState:
         episode_length=jnp.where(running, states.episode_length, 0) + 1,
         counts=counts,
         upcoming=upcoming,
+        recent=states.recent if watch is None else watch(states, action, stepped.metrics["physics_fault"]),
     )
 
 

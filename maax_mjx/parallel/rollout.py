@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import plain
-from maax_mjx.parallel.episodes import WorldsState, advance
+from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.policy import Decision, Policy, decide, forgotten
 
 BEFORE = ("obs", "active", "can_act")
@@ -39,6 +40,7 @@ def check_keep(keep: Any) -> tuple[str, ...]:
 
 def unroll(
     env: Environment,
+    advance: Callable[[WorldsState, Any], WorldsState],
     policy: Policy,
     n_steps: int,
     keep: tuple[str, ...],
@@ -49,7 +51,7 @@ def unroll(
     memory: Any,
     per_world: tuple[Any, ...],
 ) -> tuple[WorldsState, dict[str, Any], Any]:
-    """Steps all worlds `n_steps` times.
+    """Steps all worlds `n_steps` times; `advance` makes a step.
 
     Returns:
         The states after the last step; by the names of `keep` the parts of every step, (n_steps, n, ...) each; and the
@@ -63,7 +65,7 @@ def unroll(
     def step(carry: tuple[WorldsState, Any], t: jax.Array) -> tuple[tuple[WorldsState, Any], dict[str, Any]]:
         states, memory = carry
         decided = jax.vmap(act, in_axes=(0, 0, 0, 0, None))(plain(states), keys, memory, per_world, t)
-        after = advance(env, states, decided.action)
+        after = advance(states, decided.action)
         kept = {name: _part(name, states, decided, after) for name in keep}
         return (after, forgotten(decided.memory, after.done)), kept
 

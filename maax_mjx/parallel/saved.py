@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, is_dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.checks import described
-from maax_mjx.common.recorded import differing, short
+from maax_mjx.common.keys import as_key, keyless
+from maax_mjx.common.recorded import differing, plain_config
 from maax_mjx.parallel.worlds import Worlds
 
 STATES, ABOUT, BOX = "states", "about", "tree"
@@ -57,37 +55,11 @@ def unboxed(found: Any, like: Any) -> Any:
     return jax.tree.map(lambda x, y: as_key(x, y) if np.size(y) else np.zeros(np.shape(y), y.dtype), found[BOX], like)
 
 
-def _is_key(x: Any) -> bool:
-    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
-
-
-def keyless(tree: Any) -> Any:
-    """Replaces keys by their data."""
-    return jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
-
-
-def as_key(x: Any, like: Any) -> Any:
-    """Returns numbers as keys, where there was a key."""
-    return jax.random.wrap_key_data(jnp.asarray(x)) if _is_key(like) else x
-
-
 def about_worlds(worlds: Worlds) -> dict[str, Any]:
     """Returns what `Checkpoints.about` tells."""
     env, made = worlds.env, worlds.env.made_from
     game = {} if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
     return {**game, "n_worlds": worlds.n_worlds, "engine": env.base.engine.impl}
-
-
-def plain_config(config: dict[str, Any]) -> dict[str, Any]:
-    """Returns fields of a config as JSON has them, with functions and objects as texts."""
-    return json.loads(json.dumps(config, default=_plain))
-
-
-def _plain(value: Any) -> Any:
-    """Returns what JSON takes for a value: a dict of a config, numbers of NumPy, else a text."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else short(value)
 
 
 def game_text(about: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 from weakref import WeakSet
 
@@ -20,6 +21,7 @@ from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
+from maax_mjx.parallel.faults import FaultKeeper
 from maax_mjx.parallel.policy import Player, Policy, check_policy, is_player
 from maax_mjx.parallel.rollout import check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
@@ -48,6 +50,9 @@ class Worlds:
             for several.
         donate: whether `step` and `rollout` reuse the memory of the states that they get, which must not be used
             again.
+        keep_faults: folder in which the last states and actions of worlds that go astray are kept, up to 16 of them;
+            None keeps none. `faults()` lists the files, `maax.load_fault` reads one, and `maax-mjx info` and
+            `maax-mjx replay` show it. It takes memory for eight states of every world, and some per cent of the speed.
 
     Raises:
         ValueError: an argument out of its range, or numbers of worlds and devices without equal shares.
@@ -61,6 +66,7 @@ class Worlds:
         method: str | None = None,
         *,
         donate: bool = True,
+        keep_faults: str | Path | None = None,
     ):
         self.env = check_environment(env)
         self.n_worlds = check_count("n_worlds", n_worlds, minimum=1)
@@ -68,6 +74,7 @@ class Worlds:
         self.shards = Shards(self.n_worlds, devices, method)
         self.shape = self.shards.shape
         env.base.engine.check_devices(self.shards.n_local)
+        self._keeper = None if keep_faults is None else FaultKeeper(env, keep_faults)
         compiled = self.shards.compile
         on_cpu = self.shards.devices[0].platform == "cpu"
         # Programs that run once need not be fast.
@@ -75,6 +82,7 @@ class Worlds:
         self._reset = compiled(self._begin, (None, 0, None), options=once)
         self._step = compiled(lambda _, *args: self.step_fn(*args), (0, 0), donate=self._donate, options=often)
         self._sample = compiled(self._sample_fn, (None,), options=once)
+        self._remember = compiled(self._with_memory, (0,), options=once)
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
         self._ran: WeakSet[Callable] = WeakSet()
@@ -225,14 +233,35 @@ class Worlds:
 
     def reset_fn(self, key: jax.Array, params: DomainParams, stagger: jax.Array) -> WorldsState:
         """Draws worlds as `reset` does, as a pure function for use in traced code; params have leaves (n_worlds, 2)."""
-        return begin(self.env, self.n_worlds, jnp.arange(self.n_worlds), key, params, stagger)
+        return self._begin(jnp.arange(self.n_worlds), key, params, stagger)
 
     def step_fn(self, states: WorldsState, action: Any) -> WorldsState:
         """Steps any number of worlds as `step` does, as a pure function for use in traced code."""
-        return advance(self.env, states, action)
+        return advance(self.env, states, action, None if self._keeper is None else self._keeper.watch)
+
+    def faults(self) -> list[Path]:
+        """Returns the files of `keep_faults` that are there, once all of them are written.
+
+        Raises:
+            ValueError: worlds without `keep_faults`.
+        """
+        if self._keeper is None:
+            raise ValueError("keep_faults: got None for these worlds; takes a folder, where their faults are kept")
+        return self._keeper.files()
+
+    def remembering(self, states: WorldsState) -> WorldsState:
+        """Returns states that come from elsewhere, with an empty memory of what happened last, for `keep_faults`."""
+        if self._keeper is None:
+            return states.replace(recent=())
+        return self._remember(states.replace(recent=()))
 
     def _begin(self, index: jax.Array, key: jax.Array, params: DomainParams, stagger: jax.Array) -> WorldsState:
-        return begin(self.env, self.n_worlds, index, key, params, stagger)
+        states = begin(self.env, self.n_worlds, index, key, params, stagger)
+        return states if self._keeper is None else self._with_memory(index, states)
+
+    def _with_memory(self, index: jax.Array, states: WorldsState) -> WorldsState:
+        assert self._keeper is not None
+        return states.replace(recent=self._keeper.begin(index, states))
 
     def _sample_fn(self, index: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
         keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
@@ -240,7 +269,7 @@ class Worlds:
 
     def _compile_rollout(self, policy: Policy, n_steps: int, keep: tuple[str, ...]) -> Callable:
         def rollout(index: jax.Array, states: WorldsState, *others: Any) -> Any:
-            return unroll(self.env, policy, n_steps, keep, index, states, *others)
+            return unroll(self.env, self.step_fn, policy, n_steps, keep, index, states, *others)
 
         return self.shards.compile(rollout, (0, None, None, 0, 0), out_axes=(0, 1, 0), donate=self._donate)
 
@@ -260,6 +289,11 @@ class Worlds:
             got = f"{jnp.size(states.step)} worlds" if isinstance(states, WorldsState) else type(states).__name__
             raise ValueError(f"states: got {got}; takes the WorldsState of {self.n_worlds} worlds that reset gives")
         check_not_donated(states.step)
+        if isinstance(states.recent, tuple) != (self._keeper is None):
+            raise ValueError(
+                "states: got those of worlds with keep_faults for worlds without, or the other way round; takes their "
+                "own, or those that `remembering` makes of others"
+            )
         check_fits(states, self.env.state_shape, leading=len(self.shape))
 
     def _check_rows(self, name: str, tree: Any) -> None:

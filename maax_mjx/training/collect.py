@@ -9,9 +9,8 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.core.env import Environment
 from maax_mjx.core.state import plain
-from maax_mjx.parallel.episodes import WorldsState, advance
+from maax_mjx.parallel import Worlds, WorldsState
 from maax_mjx.training.actions import log_prob, sample
 from maax_mjx.training.config import PPOConfig
 from maax_mjx.training.league import Opponents, frozen_actions
@@ -64,7 +63,7 @@ class Remembered(struct.PyTreeNode):
 
 
 def collect(
-    env: Environment,
+    worlds: Worlds,
     network: Network,
     weights: Weights,
     opponents: Opponents | None,
@@ -77,7 +76,7 @@ def collect(
     """Plays some steps.
 
     Args:
-        env: the environment.
+        worlds: the worlds.
         network, weights: the current policy.
         opponents: past policies, which play one team in some worlds; None without.
         index: (n,) indices of the worlds, which determine their draws.
@@ -108,7 +107,7 @@ def collect(
         frozen = memory.opponents
         if opponents is not None:
             action, theirs, frozen = frozen_actions(network, opponents, now, begins, frozen, action, draws)
-        after = advance(env, states, action)
+        after = worlds.step_fn(states, action)
         fault = after.metrics[FAULT]
         cut = jnp.zeros_like(value[0])
         if ppo.bootstrap == "horizon":

@@ -18,7 +18,7 @@ from maax_mjx.training.collect import Batch, Remembered, collect, last_value
 from maax_mjx.training.config import TrainConfig, check_divides
 from maax_mjx.training.league import Opponents
 from maax_mjx.training.network import Network, Weights, updated
-from maax_mjx.training.ppo import Mean, Updates, optimiser, rows_of, update
+from maax_mjx.training.ppo import Mean, Updates, joined, optimiser, rows_of, update
 from maax_mjx.training.returns import ValueScale, advantages
 
 
@@ -40,7 +40,7 @@ class Learner(struct.PyTreeNode):
 
 def new_learner(weights: Weights, config: TrainConfig) -> Learner:
     """Returns a learner that begins with some weights."""
-    moments = optimiser(config.ppo).init({"actor": weights.actor, "critic": weights.critic})
+    moments = optimiser(config.ppo).init(joined(weights)[0])
     return Learner(weights, moments, ValueScale.new(), jnp.zeros((), jnp.int32))
 
 
@@ -105,7 +105,7 @@ def iterate(
     """
     ppo, weights, scale = config.ppo, learner.weights, learner.scale
     play, shuffle = jax.random.split(key)
-    states, memory, batch, before = collect(worlds.env, network, weights, opponents, index, states, memory, play, ppo)
+    states, memory, batch, before = collect(worlds, network, weights, opponents, index, states, memory, play, ppo)
     value = scale.denormalised(batch.value)
     nexts = jnp.concatenate([value[1:], last_value(network, weights, scale, states, memory)[None]])
     per_agent = partial(jnp.broadcast_to, shape=value.shape)

@@ -15,11 +15,10 @@ import numpy as np
 from flax import serialization
 
 from maax_mjx.common.checks import described
-from maax_mjx.common.recorded import differing, short
+from maax_mjx.common.recorded import differing, plain_config, short
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.parallel.saved import plain_config
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import from_plain, with_tuples
 from maax_mjx.training.actions import Head, mode, sample

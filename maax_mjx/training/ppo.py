@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from flax import struct
+from jax.flatten_util import ravel_pytree
 
 from maax_mjx.training.actions import entropies, log_prob
 from maax_mjx.training.collect import Batch
@@ -121,12 +122,17 @@ def loss(weights: Weights, network: Network, ppo: PPOConfig, rows: Rows, total: 
 
 
 def optimiser(ppo: PPOConfig) -> optax.GradientTransformation:
-    """The optimiser of actors and critics."""
+    """The optimiser of actors and critics, of all their weights as one vector (see `joined`)."""
     return optax.chain(optax.clip_by_global_norm(ppo.max_grad), optax.adam(ppo.lr, eps=1e-5))
 
 
-def _norm(tree: Any) -> jax.Array:
-    return jnp.sqrt(sum(jnp.sum(x * x) for x in jax.tree.leaves(tree)))
+def joined(weights: Weights) -> tuple[jax.Array, Callable[[jax.Array], dict[str, Any]]]:
+    """Returns what is learnt as one vector, and the function that takes it apart.
+
+    A network has hundreds of small arrays: array by array an update would be thousands of small operations, and XLA
+    copies the guard over all arrays into the update of each, which took most of the compilation.
+    """
+    return ravel_pytree({"actor": weights.actor, "critic": weights.critic})
 
 
 class Updates(struct.PyTreeNode):
@@ -166,32 +172,33 @@ def update(
     def trained(params: dict[str, Any], rows: Rows) -> tuple[jax.Array, Any]:
         return loss(now.weights.replace(**params), network, ppo, rows, total)
 
-    params = {"actor": now.weights.actor, "critic": now.weights.critic}
+    params, apart = joined(now.weights)
+    tree = apart(params)
 
     def add(so_far: Any, rows: Rows) -> tuple[Any, None]:
-        (_, info), gradient = jax.value_and_grad(trained, has_aux=True)(params, rows)
+        (_, info), gradient = jax.value_and_grad(trained, has_aux=True)(tree, rows)
         return jax.tree.map(jnp.add, so_far, (gradient, info)), None
 
     first, others = jax.tree.map(lambda x: x[0], minibatch), jax.tree.map(lambda x: x[1:], minibatch)
-    (_, info), gradient = jax.value_and_grad(trained, has_aux=True)(params, first)
+    (_, info), gradients = jax.value_and_grad(trained, has_aux=True)(tree, first)
     if minibatch.begins.shape[0] > 1:
-        (gradient, info), _ = jax.lax.scan(add, (gradient, info), others)
-    gradient, info = mean((gradient, info))
+        (gradients, info), _ = jax.lax.scan(add, (gradients, info), others)
+    gradient, info = mean((ravel_pytree(gradients)[0], info))
     with jax.named_scope("optimiser"):
         change, moments = optimiser(ppo).update(gradient, now.moments, params)
         new = optax.apply_updates(params, change)
-    finite = jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves((gradient, new))]).all()
+    finite = jnp.isfinite(gradient).all() & jnp.isfinite(new).all()
     stopped = now.stopped | (info["kl"] > ppo.stop_kl if ppo.stop_kl is not None else False)
     taken = finite & ~stopped
 
     def chosen(new: Any, old: Any) -> Any:
         return jax.tree.map(lambda a, b: jnp.where(taken, a, b), new, old)
 
-    weights = now.weights.replace(**chosen(new, params))
+    weights = now.weights.replace(**apart(chosen(new, params)))
     broken = jnp.where(now.stopped, now.broken, jnp.where(finite, 0, now.broken + 1))
     info |= {
-        "gradient": _norm(gradient),
-        "change": _norm(change) / _norm(params),
+        "gradient": jnp.linalg.norm(gradient),
+        "change": jnp.linalg.norm(change) / jnp.linalg.norm(params),
         "taken": taken.astype(jnp.float32),
         "broken": (~finite).astype(jnp.float32),
     }

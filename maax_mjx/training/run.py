@@ -77,13 +77,14 @@ class Trainer:
         seed: int = 0,
         begin_from: Policy | None = None,
         env: Mapping[str, Any] | None = None,
+        keep_faults: str | Path | None = None,
         **overrides: Any,
     ):
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
         seed = check_count("seed", seed, maximum=LONG)
         self.env = environment_of(game, self.config, env)
         self.network = Network.of(self.env, self.config.net)
-        self.worlds = Worlds(self.env, self.config.worlds, devices)
+        self.worlds = Worlds(self.env, self.config.worlds, devices, keep_faults=keep_faults)
         check_divides(self.config, len(self.worlds.shards.devices))
         self.folder = Folder(folder, self.config.tensorboard)
         self._key, start, draw = jax.random.split(jax.random.key(seed), 3)

@@ -26,6 +26,7 @@ def train(
     on_iteration: Callable[[Progress], Any] | None = None,
     begin_from: Policy | None = None,
     env: Mapping[str, Any] | None = None,
+    keep_faults: str | Path | None = None,
     bar: bool = True,
     **overrides: Any,
 ) -> Run:
@@ -49,6 +50,7 @@ def train(
         on_iteration: called after every iteration; a run ends after it returns False.
         begin_from: a policy that a new run begins with, also of another game with the same columns.
         env: fields of the game's config to change; only with a name.
+        keep_faults: folder for the last moments of worlds that go astray, see `Worlds`.
         bar: whether stderr shows the progress.
         **overrides: settings by dotted name, such as "ppo.lr".
 
@@ -62,8 +64,8 @@ def train(
         MemoryError: more worlds than fit.
     """
     if not check_bool("bar", bar):
-        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, **overrides)
+        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, **overrides)
         return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:
-        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, **overrides)
+        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, **overrides)
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))

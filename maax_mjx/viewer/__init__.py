@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from maax_mjx.viewer.film import Recording
 from maax_mjx.viewer.marks import marks_of
 from maax_mjx.viewer.record import record
 from maax_mjx.viewer.render import render, video
@@ -12,7 +11,7 @@ from maax_mjx.viewer.replay import Replay, replay
 
 PLAN = ("contact_sheet", "draw_plan")
 
-__all__ = ["Recording", "Replay", "contact_sheet", "draw_plan", "marks_of", "record", "render", "replay", "video"]
+__all__ = ["Replay", "contact_sheet", "draw_plan", "marks_of", "record", "render", "replay", "video"]
 
 
 def __getattr__(name: str) -> Any:

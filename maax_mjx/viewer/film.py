@@ -7,37 +7,14 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from flax import struct
 
 from maax_mjx.common.checks import check_not_donated
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State, check_fits
-from maax_mjx.parallel import WorldsState
+from maax_mjx.parallel import Recording, WorldsState
+from maax_mjx.parallel.recording import joined, strip
 
-KEPT = ("data", "world", "reward", "step", "mechanics")
 Picked = int | Sequence[int] | None
-
-
-class Recording(struct.PyTreeNode):
-    """Some worlds of a batch over time, as `maax.record` gives it.
-
-    Attributes:
-        states: every field has the leading axes (n_frames, n_worlds).
-        episode_return: (n_frames, n_worlds, n_agents) reward summed over the running episode, or over the one that
-            just ended.
-    """
-
-    states: State
-    episode_return: Any
-
-    def __repr__(self) -> str:
-        n_frames, n_worlds = np.shape(self.states.step)
-        return f"<Recording: {n_frames} frames of {n_worlds} worlds>"
-
-    @classmethod
-    def of(cls, frames: Sequence[tuple[State, Any]]) -> Recording:
-        """The recording of what `select_worlds` gives of every frame."""
-        return cls(*_joined(frames))
 
 
 class Film(NamedTuple):
@@ -128,13 +105,6 @@ def paced(times: np.ndarray, fps: float) -> list[int]:
     return kept if kept[-1] == len(times) - 1 else [*kept, len(times) - 1]
 
 
-def strip(state: State) -> State:
-    """A state without what pictures do not need."""
-    nothing: dict[str, Any] = dict.fromkeys(set(State.__dataclass_fields__) - set(KEPT))
-    kept = {name: getattr(state, name) for name in KEPT}
-    return State(**nothing, **(kept | {"data": state.data.replace(engine=())}))
-
-
 def _stacked(states: State, worlds: Picked, returns: Any) -> tuple[State, np.ndarray | None]:
     """Some worlds, on the host, of states with the leading axes (n_frames,) or (n_frames, n_worlds)."""
     check_not_donated(states.step)
@@ -166,11 +136,7 @@ def _listed(states: Any, worlds: Picked) -> tuple[State, np.ndarray | None]:
         raise ValueError("states: got states of different numbers of worlds; takes all of one batch")
     if any(frame[1] is None for frame in frames):
         frames = [(frame[0], None) for frame in frames]
-    return _joined(frames)
-
-
-def _joined(frames: Sequence[tuple[State, Any]]) -> tuple[State, Any]:
-    return jax.tree.map(lambda *x: np.stack(x), *frames)
+    return joined(frames)
 
 
 def select_worlds(state: State, worlds: Picked) -> tuple[State, np.ndarray | None]:

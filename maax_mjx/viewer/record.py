@@ -7,9 +7,9 @@ from typing import Any
 import jax
 
 from maax_mjx.common.checks import check_count, check_key
-from maax_mjx.parallel import Worlds, WorldsState
+from maax_mjx.parallel import Recording, Worlds, WorldsState
 from maax_mjx.parallel.policy import Player, Policy
-from maax_mjx.viewer.film import Picked, Recording, chosen_worlds, select_worlds
+from maax_mjx.viewer.film import Picked, chosen_worlds, select_worlds
 
 FPS = 30
 

@@ -19,7 +19,7 @@ from maax_mjx.training.collect import Remembered, collect
 from maax_mjx.training.league import League
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
-from maax_mjx.training.ppo import Updates, optimiser, rows_of, update
+from maax_mjx.training.ppo import Updates, joined, optimiser, rows_of, update
 
 N = 64
 SMALL = {"encoder": "flat", "hidden": 16}
@@ -63,7 +63,7 @@ def played(worlds, start):
     # Last layers begin near zero, where every action is as likely as another.
     rng = seeds.rng(4)
     weights = jax.tree.map(lambda x: np.asarray(x) + (0.3 * rng.normal(size=x.shape)).astype(x.dtype), weights)
-    play = jax.jit(partial(collect, worlds.env, network, ppo=PPO))
+    play = jax.jit(partial(collect, worlds, network, ppo=PPO))
     memory = Remembered(network.memory(N), ())
     _, _, batch, before = play(weights, None, jnp.arange(N), start, memory, seeds.key(5))
     return network, weights, batch, before
@@ -78,7 +78,7 @@ def updated(played):
 
 def fresh(weights):
     """The state before the first update."""
-    moments = optimiser(PPO).init({"actor": weights.actor, "critic": weights.critic})
+    moments = optimiser(PPO).init(joined(weights)[0])
     return Updates(weights, moments, jnp.zeros((), bool), jnp.zeros((), jnp.int32))
 
 
