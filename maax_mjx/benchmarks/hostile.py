@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -108,6 +109,7 @@ class Config(Options):
         held: for how many steps full forces are held. Random ones are redrawn every step.
         gravity: m/s^2; the game's own if left out.
         contacts_per_world: room for contact points; the environment's own choice if left out.
+        keep_faults: folder for the last moments of worlds that go astray; see `maax.Worlds`.
     """
 
     games: tuple[str, ...] = ()
@@ -117,6 +119,7 @@ class Config(Options):
     held: tuple[PositiveCount, ...] = (1, 20, 100, 1000)
     gravity: tuple[float, ...] = ()
     contacts_per_world: PositiveCount | None = None
+    keep_faults: Path | None = None
 
     def check(self) -> None:
         super().check()
@@ -174,13 +177,18 @@ def cases(config: Config) -> Iterator[Case]:
 
 @lru_cache(maxsize=1)
 def compiled(
-    game: str, impl: str, n_worlds: int, gravity: float | None, contacts_per_world: int | None
+    game: str,
+    impl: str,
+    n_worlds: int,
+    gravity: float | None,
+    contacts_per_world: int | None,
+    keep_faults: Path | None = None,
 ) -> tuple[maax.Worlds, Callable]:
     """A batch of a game, and its rollout, compiled."""
     options: dict[str, Any] = {"impl": impl, "contacts_per_world": contacts_per_world}
     if gravity is not None:
         options["world_params.gravity"] = gravity
-    worlds = maax.Worlds(maax.make(game, **options), n_worlds)
+    worlds = maax.Worlds(maax.make(game, **options), n_worlds, keep_faults=keep_faults)
     play = player(worlds)
     jax.block_until_ready(play(worlds.reset(jax.random.key(0)), Seen.nothing(), jnp.arange(CHUNK), 1, True))
     return worlds, play
@@ -188,7 +196,7 @@ def compiled(
 
 def batch(case: Case, config: Config) -> tuple[maax.Worlds, Callable]:
     """The batch of a case, and its rollout, compiled."""
-    return compiled(case.game, case.impl, case.worlds, case.gravity, config.contacts_per_world)
+    return compiled(case.game, case.impl, case.worlds, case.gravity, config.contacts_per_world, config.keep_faults)
 
 
 def measure(case: Case, config: Config, end: float) -> Row:

@@ -11,7 +11,7 @@ import numpy as np
 
 from maax_mjx.core.env import Base, Environment
 from maax_mjx.core.faults import AGENT_CEILING, MARGIN, astray
-from maax_mjx.core.state import State
+from maax_mjx.core.state import State, check_state
 from maax_mjx.physics import Data, Fields, overlaid_model
 
 DEEP = 0.005
@@ -64,6 +64,7 @@ class Diagnosis(NamedTuple):
         n, first = len(self.moments) - 1, self.first
         if first is None:
             lines = [f"nothing went astray in {n} physics steps on {self.engine}"]
+            lines += ["yet it was a fault: something in the action or the speeds is no number"] if self.fault else []
             first = n
         else:
             lines = [f"on {self.engine}, after physics step {first} of {n}:"]
@@ -98,12 +99,14 @@ def diagnose(env: Environment, state: State, action: Any) -> Diagnosis:
         action: what was done in it.
 
     Raises:
-        ValueError: a state or an action that `env.step` refuses.
+        ValueError: what is no state of one world of the environment.
     """
     seen: list[tuple[Fields, Data]] = []
     twin = copy.deepcopy(env)
     twin.base.watch = lambda fields, data: seen.append(jax.tree.map(np.asarray, (fields, data)))
-    after = jax.block_until_ready(twin.step(state, action))
+    # An action that led astray may hold NaN, which `step` would refuse.
+    check_state(state, env.state_shape)
+    after = jax.block_until_ready(jax.jit(twin.advance)(state, action))
     moments = [_moment(twin.base, state, fields, data) for fields, data in seen]
     floor_size = float(np.asarray(state.world.plan.floor_size))
     return Diagnosis(moments, bool(after.metrics["physics_fault"]), twin.base.engine.impl, floor_size)

@@ -22,7 +22,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.export import to_mjcf
 from maax_mjx.core.state import State, plain
 from maax_mjx.parallel.episodes import WorldsState
-from maax_mjx.parallel.recording import Recording, filled, read, strip, write
+from maax_mjx.parallel.recording import KEPT, Recording, filled, read, strip, write
 
 MOMENTS = 8
 """States and actions of a world that are kept, up to the one that led astray."""
@@ -170,14 +170,36 @@ class Fault(NamedTuple):
         about = ", ".join(f"{name} {value}" for name, value in self.about.items())
         return f"<Fault: {about}; {len(self.recording.states.step)} frames>"
 
-    @property
-    def action(self) -> Any:
-        """The action that led astray."""
-        return jax.tree.map(lambda x: x[-1], self.actions)
+    def state_at(self, moment: int = -1) -> State:
+        """Returns a state that steps: the last one, or one of those before.
 
-    def diagnose(self) -> Diagnosis:
-        """Makes the last step again, physics step by physics step."""
-        return diagnose(self.env, self.state, self.action)
+        Args:
+            moment: index of a frame of the recording; negative ones count from the last.
+
+        Raises:
+            ValueError: no such frame.
+        """
+        i = self._index(moment)
+        if i == len(self.recording.states.step) - 1:
+            return self.state
+        kept = {name: jax.tree.map(lambda x: x[i, 0], getattr(self.recording.states, name)) for name in KEPT}
+        data = kept.pop("data")
+        return self.state.replace(**kept, data=data.replace(engine=self.env.base.engine.carry(data)))
+
+    def action_at(self, moment: int = -1) -> Any:
+        """Returns what was done in a state; `moment` as in `state_at`."""
+        i = self._index(moment)
+        return jax.tree.map(lambda x: x[i], self.actions)
+
+    def diagnose(self, moment: int = -1) -> Diagnosis:
+        """Makes the last step again, or one before it, physics step by physics step; `moment` as in `state_at`."""
+        return diagnose(self.env, self.state_at(moment), self.action_at(moment))
+
+    def _index(self, moment: int) -> int:
+        n = len(self.recording.states.step)
+        if isinstance(moment, bool) or not isinstance(moment, int) or not -n <= moment < n:
+            raise ValueError(f"moment: got {moment!r}; takes an index of one of the {n} frames")
+        return moment % n
 
 
 def load_fault(path: str | Path, env: Environment) -> Fault:

@@ -76,15 +76,20 @@ def test_is_committed_with_the_outputs_of_one_run(name):
         assert not re.search(r"/(home|root|tmp|work|Users)\b| at 0x", words), words
 
 
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("profile")) as driver:
+        yield driver
+
+
 @pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("name", REPLAYS)
-def test_the_committed_replay_plays_in_a_browser(name, tmp_path):
+def test_the_committed_replay_plays_in_a_browser(name, driver, tmp_path):
     (page,) = replays(committed(name))
     (tmp_path / "cell.html").write_text(f'<!DOCTYPE html><iframe srcdoc="{html.escape(page)}" width=400 height=500>')
-    with browser(tmp_path / "profile") as driver:
-        driver.get((tmp_path / "cell.html").as_uri())
-        driver.switch_to.frame(0)
-        early, late = (seen_at(driver, seconds) for seconds in ("0.5", "3.5"))
+    driver.get((tmp_path / "cell.html").as_uri())
+    driver.switch_to.frame(0)
+    early, late = (seen_at(driver, seconds) for seconds in ("0.5", "3.5"))
     assert early.shape == late.shape
     assert (np.abs(early.astype(int) - late).max(axis=-1) > 30).sum() > 50, "nothing moved"

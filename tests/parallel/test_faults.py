@@ -56,7 +56,7 @@ def test_the_last_states_and_actions_are_kept(kept):
 def test_its_last_step_goes_astray_again(kept):
     worlds, *_ = kept
     fault = maax.load_fault(worlds.faults()[0], worlds.env)
-    assert bool(worlds.env.step(fault.state, fault.action).metrics["physics_fault"])
+    assert bool(worlds.env.step(fault.state, fault.action_at()).metrics["physics_fault"])
     found = fault.diagnose()
     assert found.fault
     assert len(found.moments) == worlds.env.base.n_frames + 1
@@ -82,6 +82,18 @@ def test_what_is_shown_is_what_the_step_does(kept):
     np.testing.assert_array_equal(list(found.moments[-1].position.values()), ends)
     starts = np.asarray(state.data.qpos)[env.base.position_ids]
     np.testing.assert_array_equal(list(found.moments[0].position.values()), starts)
+
+
+def test_states_before_step_as_they_did(kept):
+    """From every frame the kept action leads to the next one, to the rounding that the engine no longer carries."""
+    worlds, *_ = kept
+    fault = maax.load_fault(worlds.faults()[0], worlds.env)
+    for i in range(3):
+        after = worlds.env.step(fault.state_at(i), fault.action_at(i))
+        np.testing.assert_allclose(after.data.qpos, fault.recording.states.data.qpos[i + 1, 0], atol=1e-5)
+    assert fault.diagnose(-3).first is None
+    with pytest.raises(ValueError, match="moment: got 5; takes an index of one of the 5 frames"):
+        fault.state_at(5)
 
 
 def test_contacts_and_equalities_are_named(kept):

@@ -34,8 +34,10 @@ from maax_mjx import training
 # The first process alone asks for the end, after three iterations; all have to hear of it.
 stop = lambda now: process != 0 or now.steps < {STEPS}
 env = toys.echo()
-one = training.Trainer(env, folder, "laptop", {WORLDS}, **{SMALL})
+keep = folder + " faults" if count == 1 else None
+one = training.Trainer(env, folder, "laptop", {WORLDS}, keep_faults=keep, **{SMALL})
 done = one.run(steps=None if count > 1 else {STEPS}, on_iteration=stop)
+assert keep is None or one.worlds.faults() == []
 assert len(jax.devices()) == 2 and done.policy.steps == {STEPS}
 again = training.Trainer(env, folder, "laptop", {WORLDS}, **{SMALL})
 assert again.iteration == 3
