@@ -23,6 +23,7 @@ from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.saved import (
     ABOUT,
+    BOX,
     STATES,
     about_worlds,
     boxed,
@@ -166,6 +167,8 @@ class Checkpoints:
             trees[STATES] = {
                 name: np.empty(saved[name], x.dtype) if resized else _target(worlds, x) for name, x in wanted.items()
             }
+        for name in others:
+            self._check_shapes(name, trees[name], number)
         if not trees:
             raise ValueError("others: got nothing to read; takes worlds, the names of other trees, or both")
         args = self._orbax.args
@@ -214,9 +217,28 @@ class Checkpoints:
             # The error is gone by now: what it held, such as coroutines that nobody awaits, warns as it goes.
             gc.collect()
         raise ValueError(
-            f"number: got {number} of {self.folder}, which is damaged, or has others of other shapes ({reason}); takes "
+            f"number: got {number} of {self.folder}, which is damaged ({reason}); takes "
             f"one of the saves {sorted(self._manager.all_steps())} that can be read"
         )
+
+    def _check_shapes(self, name: str, tree: Any, number: int) -> None:
+        """Refuses a tree whose arrays the save has not, or of other shapes."""
+        item = self.folder / str(number) / name
+        saved, wanted = (
+            {
+                name_of(path): tuple(np.shape(x) if np.isscalar(x) else x.shape)
+                for path, x in jax.tree.leaves_with_path(of)
+            }
+            for of in (self._read(number, lambda: self._metadata(item)), tree)
+        )
+        for at in (*wanted, *saved):
+            here, there = (shapes.get(at, "none") for shapes in (wanted, saved))
+            if here != there:
+                inside = at.removeprefix(BOX).removeprefix(".")
+                raise ValueError(
+                    f"others: got {name!r} with {f'{inside} of ' if inside else ''}shape {here}, and save {number} of "
+                    f"{self.folder} has {there}; takes a tree like the one that was saved"
+                )
 
     def _check_same(
         self, wanted: dict[str, Any], saved: dict[str, tuple[int, ...]], worlds: Worlds, number: int, resized: bool

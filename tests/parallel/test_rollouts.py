@@ -306,6 +306,25 @@ def test_empty_arrays_and_keys_come_back(tmp_path):
     np.testing.assert_array_equal(back["n"], [0, 1])
 
 
+@pytest.mark.parametrize(
+    ("tree", "said"),
+    [
+        (
+            {"w": np.zeros((3, 3)), "n": [np.ones(4), 2]},
+            r"got 'net' with w of shape \(3, 3\), and save 1 .* has \(3, 2\)",
+        ),
+        ({"w": np.zeros((3, 2))}, r"got 'net' with n.0 of shape none, and save 1 .* has \(4,\)"),
+        ({"w": np.zeros((3, 2)), "n": [np.ones(4), 2], "b": 1}, r"with b of shape \(\), and save 1 .* has none"),
+        (np.zeros(2), r"got 'net' with shape \(2,\), and save 1 .* has none; takes a tree like the one"),
+    ],
+)
+def test_trees_of_other_shapes_are_named(tree, said, tmp_path):
+    saves = maax.Checkpoints(tmp_path)
+    saves.save(1, net={"w": np.zeros((3, 2)), "n": [np.ones(4), 2]})
+    with pytest.raises(ValueError, match=said):
+        saves.restore(net=tree)
+
+
 @pytest.mark.usefixtures("little_garbage")
 def test_reads_that_fail_side_by_side_are_not_logged(worlds, start, tmp_path, monkeypatch, caplog):
     """Which of a damaged save's arrays fail after the first depends on the threads; asyncio logs them as they go."""
