@@ -80,7 +80,7 @@ def bare_roll(env: Base) -> tuple[Callable[[WorldsState], Any], Roll]:
     engine = env.engine
     ids = env.agents.ctrl_ids.reshape(-1)
     if isinstance(engine, CEngine):
-        return lambda states: c_batch(env, engine.c_model, states), c_roll(ids, env.n_frames)
+        return lambda states: c_batch(env, engine.host_model, states), c_roll(ids, env.n_frames)
     start, roll = mjx_roll(cast("MjxEngine", engine), ids, env.n_frames)
     return lambda states: start(states.world.fields, states.data), roll
 

@@ -211,4 +211,6 @@ def test_the_walk_finds_uses(line):
 def test_nothing_else_uses_internals():
     files = {path.relative_to(ROOT).as_posix(): [*internals(path.read_text())] for path in ROOT.rglob("*.py")}
     assert len(files) > 50
-    assert [name for name, lines in files.items() if lines] == ["physics/mjx_internals.py"]
+    # Of plain MuJoCo's data the rows are public.
+    plain = {"core/diagnosis.py"}
+    assert [name for name, lines in files.items() if lines and name not in plain] == ["physics/mjx_internals.py"]
