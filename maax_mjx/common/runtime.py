@@ -60,7 +60,7 @@ def keep_compiled_programs() -> None:
     """Makes JAX keep compiled programs between processes, in a folder per user and kind of processor.
 
     A folder set by the user is kept, and `JAX_ENABLE_COMPILATION_CACHE=0` turns the cache off. JAX never keeps programs
-    with host callbacks, such as those of the `c` engine.
+    with its own callbacks to the host; those of the `c` engine call it in another way (`physics/host_call.py`).
     """
     import jax
 

@@ -87,7 +87,8 @@ class FaultKeeper:
         recent: Recent = before.recent
         parts = strip(before), action, before.episode_return
         old = recent.states, recent.action, recent.episode_return
-        now = jax.tree.map(lambda x, new: jnp.concatenate([x[:, 1:], new[:, None]], axis=1), old, parts)
+        # Policies may give whole numbers of another type than the space's.
+        now = jax.tree.map(lambda x, new: jnp.concatenate([x[:, 1:], new[:, None].astype(x.dtype)], axis=1), old, parts)
         recent = Recent(recent.index, *now)
 
         def hand_over() -> None:

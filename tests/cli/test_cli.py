@@ -94,7 +94,7 @@ def test_rollouts_of_other_shapes_are_refused(played, tmp_path):
     name = next(name for name, x in arrays.items() if x.ndim == 3)
     for other in (arrays[name][..., :-1], arrays[name][:1], arrays[name].astype(complex)):
         np.savez(tmp_path / "other.npz", **arrays | {name: other})
-        with pytest.raises(ValueError, match=r"without .* as maax_mjx .* has them; takes"):
+        with pytest.raises(ValueError, match=r"without .* as this version has them in this game; takes"):
             load(tmp_path / "other.npz")
 
 

@@ -88,6 +88,7 @@ def test_errors_of_the_host_are_raised(halves):
         jax.block_until_ready(jax.jit(lambda x, y: call(number, x, y))(jnp.full(2, 1e7), jnp.zeros((1, 2), bool)))
 
 
+@pytest.mark.usefixtures("little_garbage")
 def test_what_nobody_has_any_more_frees_its_memory_and_goes_in_the_end():
     user, callee = type("User", (), {})(), None
     callee = host_call.shared(7, Halves, user)
