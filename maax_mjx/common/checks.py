@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -125,6 +126,15 @@ def check_per_object(name: str, value: Callable | Sequence[Callable], n: int) ->
     for fn in fns:
         if not callable(fn):
             raise ValueError(f"{name}: got {fn!r}; takes a function (layout, cells) -> weights")
+        try:
+            inspect.signature(fn).bind("layout", "cells")
+        except TypeError as error:
+            mine = getattr(fn, "__name__", type(fn).__name__)
+            raise ValueError(
+                f"{name}: got {mine}{inspect.signature(fn)}; takes a function (layout, cells) -> weights: {error}"
+            ) from None
+        except ValueError:
+            pass  # A builtin function, which has no signature.
     return fns
 
 

@@ -9,6 +9,7 @@ import jax
 import mujoco
 import numpy as np
 
+from maax_mjx.common.spaces import check_action
 from maax_mjx.core.env import Base, Environment
 from maax_mjx.core.faults import AGENT_CEILING, MARGIN, astray
 from maax_mjx.core.state import State, check_state
@@ -99,13 +100,14 @@ def diagnose(env: Environment, state: State, action: Any) -> Diagnosis:
         action: what was done in it.
 
     Raises:
-        ValueError: what is no state of one world of the environment.
+        ValueError: what is no state of one world of the environment, or an action of other names, shapes or types.
     """
     seen: list[tuple[Fields, Data]] = []
     twin = copy.deepcopy(env)
     twin.base.watch = lambda fields, data: seen.append(jax.tree.map(np.asarray, (fields, data)))
-    # An action that led astray may hold NaN, which `step` would refuse.
+    # Shapes and types alone: an action that led astray may hold NaN.
     check_state(state, env.state_shape)
+    jax.eval_shape(lambda given: check_action(env.action_space, given), action)
     after = jax.block_until_ready(jax.jit(twin.advance)(state, action))
     moments = [_moment(twin.base, state, fields, data) for fields, data in seen]
     floor_size = float(np.asarray(state.world.plan.floor_size))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -226,8 +227,17 @@ class Environment(Recorded, ABC):
 
     def __reduce__(self) -> Any:
         if self.made is not None:
-            return self.made.make, (self.made.name, self.made.config)
-        return _again, (type(self), *self.made_with, list(self.base.modules.values()) if self is self.base else [])
+            how: tuple[Any, ...] = self.made.make, (self.made.name, self.made.config)
+        else:
+            how = _again, (type(self), *self.made_with, list(self.base.modules.values()) if self is self.base else [])
+        try:
+            pickle.dumps(how)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise ValueError(
+                f"env: got {self!r}, which cannot be pickled ({error}); takes functions and classes that have names in "
+                "modules, instead of lambdas and those defined inside of functions"
+            ) from error
+        return how
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Environment:
         """Copies the whole chain, with its own modules and a model that is not built yet."""

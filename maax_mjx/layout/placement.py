@@ -229,6 +229,14 @@ def all_of(*fns: PlacementFn) -> PlacementFn:
     """
     placement = _combined("all_of", fns, lambda a, b: a * b)
     placement.inside_quadrant = any(getattr(fn, "inside_quadrant", False) for fn in fns)  # type: ignore[attr-defined]
+    regions = [region for fn in fns if (region := region_of(fn)) is not None]
+    if regions:
+
+        def region(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
+            lows, highs = zip(*(one(grid_size, cell, cells) for one in regions), strict=True)
+            return reduce(jnp.maximum, lows), reduce(jnp.minimum, highs)
+
+        placement.region = region  # type: ignore[attr-defined]
     return placement
 
 

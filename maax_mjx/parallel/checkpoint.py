@@ -28,6 +28,7 @@ from maax_mjx.parallel.saved import (
     about_worlds,
     boxed,
     check_others,
+    checksums,
     game_text,
     name_of,
     named,
@@ -58,6 +59,8 @@ class Checkpoints:
         import orbax.checkpoint as ocp
 
         keep = check_count("keep", keep, minimum=1)
+        if not isinstance(folder, str | Path):
+            raise ValueError(f"folder: got {folder!r}; takes a path")
         # Not in the background: on a CPU the next step would write into the memory that is being saved.
         options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
         self.folder = Path(folder).absolute()
@@ -120,6 +123,11 @@ class Checkpoints:
             flat = {name: worlds.flat(x) for name, x in named(keyless(states.replace(recent=()))).items()}
             items |= {STATES: args.StandardSave(flat), ABOUT: args.JsonSave(about_worlds(worlds))}
         self._manager.save(number, args=args.Composite(**items))
+        if jax.process_index() == 0:
+            self._sums(number).write_text(json.dumps(checksums(self.folder / str(number))))
+            for file in self.folder.glob(".*.sums"):
+                if file.stem.strip(".").isdecimal() and not (self.folder / file.stem.strip(".")).exists():
+                    file.unlink()
 
     @overload
     def restore(
@@ -152,6 +160,7 @@ class Checkpoints:
         number = self._found(number)
         save = self.folder / str(number)
         check_others(others)
+        self._check_whole(number)
         if missing := sorted(name for name in others if not (save / name).is_dir()):
             raise ValueError(f"others: got {missing}, which are not in save {number} of {self.folder}; takes what is")
         trees, resized = boxed(others), False
@@ -193,6 +202,29 @@ class Checkpoints:
             raise FileNotFoundError(f"number: got {number}, and {self.folder} {has}")
         return number
 
+    def _sums(self, number: int) -> Path:
+        """The file of the checksums of a save."""
+        return self.folder / f".{number}.sums"
+
+    def _check_whole(self, number: int) -> None:
+        """Compares a save with its checksums: of damaged files Orbax logs hundreds of lines, from several threads.
+
+        Raises:
+            ValueError: a file that is not as it was written.
+        """
+        try:
+            written = json.loads(self._sums(number).read_text())
+        except (OSError, ValueError):
+            return  # A save of an earlier version.
+        found = checksums(self.folder / str(number))
+        if changed := sorted(name for name in {*written, *found} if written.get(name) != found.get(name)):
+            raise self._damaged(number, f"{changed[0]} is not as it was written")
+
+    def _damaged(self, number: int, reason: str) -> ValueError:
+        others = sorted({*self._manager.all_steps()} - {number})
+        takes = f"takes another save, of {others}" if others else "takes another folder: there is no other save in it"
+        return ValueError(f"number: got {number} of {self.folder}, which is damaged ({reason}); {takes}")
+
     def _metadata(self, item: Path) -> Any:
         """Returns the shapes and dtypes of a saved item by name."""
         # Not the manager's own method: in another process than the one that saved, it does not know the items.
@@ -216,10 +248,7 @@ class Checkpoints:
                 reason = next(iter(str(error).splitlines()), "")[:200]
             # The error is gone by now: what it held, such as coroutines that nobody awaits, warns as it goes.
             gc.collect()
-        raise ValueError(
-            f"number: got {number} of {self.folder}, which is damaged ({reason}); takes "
-            f"one of the saves {sorted(self._manager.all_steps())} that can be read"
-        )
+        raise self._damaged(number, reason)
 
     def _check_shapes(self, name: str, tree: Any, number: int) -> None:
         """Refuses a tree whose arrays the save has not, or of other shapes."""

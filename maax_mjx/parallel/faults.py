@@ -218,6 +218,8 @@ def load_fault(path: str | Path, env: Environment) -> Fault:
     meta, arrays = read(path, takes)
     if "fault" not in meta:
         raise ValueError(f"file: got {path}, which has a rollout without faults; {takes}")
+    if (made := env.made_from) is not None and meta["env"] and meta["env"] != made.name:
+        raise ValueError(f"env: got {made}, and {path} is of {meta['env']}; takes the environment of the file")
     shape = env.state_shape
     returns = jax.ShapeDtypeStruct(shape.reward.shape, shape.reward.dtype)
     recording = filled(path, meta, arrays, Recording(strip(shape), returns), leading=2)

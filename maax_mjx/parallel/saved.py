@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import jax
 import numpy as np
@@ -25,6 +27,12 @@ def named(tree: Any) -> dict[str, Any]:
 def name_of(path: Any) -> str:
     """Returns a leaf's name, such as "data.qpos"."""
     return jax.tree_util.keystr(path, simple=True, separator=".")
+
+
+def checksums(folder: Path) -> dict[str, int]:
+    """Returns a number of the bytes of every file in a folder, by its path there."""
+    files = [file for file in sorted(folder.rglob("*")) if file.is_file()]
+    return {file.relative_to(folder).as_posix(): crc32(file.read_bytes()) for file in files}
 
 
 def check_others(others: dict[str, Any]) -> None:

@@ -69,6 +69,8 @@ class Worlds:
         keep_faults: str | Path | None = None,
     ):
         self.env = check_environment(env)
+        # Observations that two modules of the user's give are refused here, not at the first reset.
+        self.env.base.declared()
         self.n_worlds = check_count("n_worlds", n_worlds, minimum=1)
         self._donate = (0,) if check_bool("donate", donate) else ()
         self.shards = Shards(self.n_worlds, devices, method)
@@ -92,6 +94,12 @@ class Worlds:
         devices = self.shards.devices
         on = f"{len(devices)} {devices[0].device_kind}" if len(devices) > 1 else str(devices[0])
         return f"<Worlds: {self.n_worlds} on {on} ({self.shards.method}) of {self.env!r}>"
+
+    def __reduce__(self) -> Any:
+        raise ValueError(
+            "worlds: got them to be pickled or copied, and they hold devices and compiled programs; takes their "
+            "environment, worlds.env, of which Worlds(env, n_worlds) are made again"
+        )
 
     def reset(self, key: jax.Array, params: DomainParams | None = None, *, stagger: bool = False) -> WorldsState:
         """Draws all worlds.

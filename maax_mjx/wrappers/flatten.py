@@ -87,7 +87,10 @@ class FlattenObservations(ObservationWrapper):
         self._critic = None if critic is None else critic.of
 
     def observation(self, state: State) -> dict[str, jax.Array]:
-        obs = {"obs": _flat(_masked(state.obs, self._seen), self._policys), "obs_mask": self._mask(state)}
+        mask = self._mask(state)
+        # Of agents that are not in play nothing is left, either.
+        seen = jnp.where(mask, _flat(_masked(state.obs, self._seen), self._policys), 0.0)
+        obs = {"obs": seen, "obs_mask": mask}
         if self._critic is not None:
             team = {name: f"team_{mask}" for name, mask in self._seen.items()} if self._critic == "team" else {}
             whole = _flat(_masked(state.obs, team), self._policys)

@@ -285,3 +285,14 @@ def test_a_selection_without_its_mask_is_refused():
     split = maax.make("hide_and_seek_quadrant", impl="c", observations="split")
     with pytest.raises(ValueError, match="seen of 'box_obs' is 'sees_box', which is not observed"):
         maax.FlattenObservations(maax.SelectObservations(split, ["box_obs", "box_mask"]))
+
+
+def test_nothing_is_left_of_what_is_masked_in_vectors():
+    """Of agents that are not in play, too."""
+    env = maax.make("tag", impl="c", observations="flat", **{"teams.players": (1, 4)})
+    obs = jax.jit(jax.vmap(env.reset))(jax.random.split(key(0), 8)).obs
+    mask = np.asarray(obs["obs_mask"])
+    absent = ~mask.any(axis=-1)
+    assert absent.any()
+    assert not absent.all()
+    assert not np.asarray(obs["obs"])[~mask].any()

@@ -74,6 +74,8 @@ NO_PLACE = "for {}, which has no place in any world"
         ([maax.Agents(1, maax.at_placement(7, 3))], {}, "got at_placement(7, 3) " + NO_PLACE.format("agent0")),
         ([maax.Agents(1, maax.at_placement(9, 3))], {"floor_size": (6.0, 8.0)}, NO_PLACE.format("agent0")),
         ([maax.Boxes(1, maax.middle_placement(0.05))], {}, NO_PLACE.format("box0")),
+        ([maax.Agents(1, maax.all_of(CENTRE, UNIFORM))], {"scenario": "quad"}, NO_PLACE.format("agent0")),
+        ([maax.Agents(1, maax.all_of(CENTRE, maax.at_placement(1, 1)))], {}, NO_PLACE.format("agent0")),
         (
             [maax.Boxes(1), maax.Agents(1, maax.proximity_placement(1.0, "box1"))],
             {},
@@ -94,6 +96,14 @@ def test_what_can_never_be_placed_is_refused(modules, options, message):
     assert message in str(error.value)
 
 
+def test_a_placement_of_other_arguments_is_refused():
+    def lately(layout):
+        return layout
+
+    with pytest.raises(ValueError, match=r"placement_fn: got lately\(layout\); takes a function \(layout, cells\)"):
+        maax.Boxes(1, lately)
+
+
 @pytest.mark.parametrize(
     ("modules", "options"),
     [
@@ -103,6 +113,7 @@ def test_what_can_never_be_placed_is_refused(modules, options, message):
         ([maax.Agents(1, maax.at_placement(7, 3))], {"floor_size": (6.0, 8.0)}),
         ([maax.Boxes(1, CENTRE, box_size=(0.1, 7.0)), maax.Agents(1, CENTRE)], {"floor_size": 16.0}),
         ([maax.Agents(2, maax.proximity_placement(1.0, "agent0"))], {}),
+        ([maax.Agents(1, maax.all_of(CENTRE, maax.middle_placement(0.5)))], {}),
     ],
 )
 def test_what_some_worlds_have_a_place_for_is_accepted(modules, options):

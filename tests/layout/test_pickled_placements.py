@@ -50,3 +50,11 @@ def test_an_environment_with_one_can_be_pickled():
         env.add_module(module)
     twin = pickle.loads(pickle.dumps(env))
     assert list(twin.modules) == list(env.modules)
+
+
+def test_what_cannot_be_pickled_is_named():
+    env = maax.make("tag", impl="c", inside={"Tag": lambda env: env})
+    with pytest.raises(ValueError, match=r"env: got <tag\(.*which cannot be pickled .*takes functions and classes"):
+        pickle.dumps(env)
+    with pytest.raises(ValueError, match=r"worlds: got them to be pickled or copied.*takes their environment"):
+        pickle.dumps(maax.Worlds(maax.make("tag", impl="c"), 2))

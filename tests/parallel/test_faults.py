@@ -133,6 +133,12 @@ def test_other_worlds_files_and_states_are_refused(kept, tmp_path):
         maax.Worlds(worlds.env, N, keep_faults=3)
     with pytest.raises(ValueError, match="which is not there; takes a file of keep_faults"):
         maax.load_fault(tmp_path / "9.npz", worlds.env)
+    with pytest.raises(ValueError, match=r"env: got standard\(impl='c'\), and .*0.npz is of tag; takes the env"):
+        maax.load_fault(worlds.faults()[0], maax.make("standard", impl="c"))
+    state = worlds.env.reset(jax.random.key(0))
+    for action, said in ((None, "takes"), (jnp.zeros((4, 3)), "takes"), ({}, "takes")):
+        with pytest.raises(ValueError, match=said):
+            maax.diagnose(worlds.env, state, action)
     with pytest.raises(ValueError, match="as this version has them in this game"):
         maax.load_fault(worlds.faults()[0], maax.make("tag", **GAME | {"n_boxes": 2}))
 

@@ -261,7 +261,7 @@ def test_a_save_goes_on_with_more_or_fewer_worlds(worlds, start, rolled, tmp_pat
 
 @pytest.mark.usefixtures("little_garbage")
 def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capfd, caplog, recwarn):
-    """Each file in turn is noise, cut off or missing: the save loads all the same, or a sentence is all there is."""
+    """Each file in turn is noise, cut off and missing: the save loads all the same, or a sentence is all there is."""
     folder, bad = tmp_path / "good", tmp_path / "bad"
     maax.Checkpoints(folder).save(3, worlds, start, runs=np.ones(3))
     files = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file()]
@@ -270,23 +270,22 @@ def test_a_damaged_save_is_refused_in_one_sentence(worlds, start, tmp_path, capf
     rng, refused = seeds.rng(0), 0
     capfd.readouterr()
     caplog.clear()
-    for i, file in enumerate(files):
-        shutil.rmtree(bad, ignore_errors=True)
-        shutil.copytree(folder, bad)
+    shutil.copytree(folder, bad)
+    for file in files:
         data = (bad / file).read_bytes()
-        damages = (rng.bytes(len(data)), data[: len(data) // 2], None)
-        if damages[i % 3] is None:
-            (bad / file).unlink()
-        else:
-            (bad / file).write_bytes(damages[i % 3])
-        try:
-            maax.Checkpoints(bad).restore(worlds, runs=np.zeros(3))
-        except ValueError as error:
-            refused += 1
-            assert str(error).startswith(f"number: got 3 of {bad}, which is damaged")  # noqa: PT017
-            assert error.__context__ is None  # noqa: PT017
+        for damage in (rng.bytes(len(data)), data[: len(data) // 2], None):
+            (bad / file).unlink() if damage is None else (bad / file).write_bytes(damage)
+            try:
+                maax.Checkpoints(bad).restore(worlds, runs=np.zeros(3))
+            except ValueError as error:
+                refused += 1
+                assert str(error).startswith(f"number: got 3 of {bad}, which is damaged")  # noqa: PT017
+                assert str(error).endswith("there is no other save in it")  # noqa: PT017
+                assert error.__context__ is None  # noqa: PT017
+            (bad / file).write_bytes(data)
+    maax.Checkpoints(bad).restore(worlds, runs=np.zeros(3))
     gc.collect()
-    assert refused > 2
+    assert refused > 2 * len(files)
     assert capfd.readouterr() == ("", "")
     assert not caplog.records
     assert not [str(w.message) for w in recwarn if "never awaited" in str(w.message)]
@@ -323,6 +322,8 @@ def test_trees_of_other_shapes_are_named(tree, said, tmp_path):
     saves.save(1, net={"w": np.zeros((3, 2)), "n": [np.ones(4), 2]})
     with pytest.raises(ValueError, match=said):
         saves.restore(net=tree)
+    with pytest.raises(ValueError, match="folder: got 3; takes a path"):
+        maax.Checkpoints(3)
 
 
 @pytest.mark.usefixtures("little_garbage")
