@@ -658,7 +658,10 @@ def test_split_observations(name, told):
 
 @pytest.mark.parametrize("name", GAMES)
 def test_flat_observations(name, told):
-    """All by name in one vector; what is not seen is zero, where there is vision. A critic sees the same unhidden."""
+    """All by name in one vector; zero is what is not seen, where there is vision, and all of agents that do not play.
+
+    A critic sees the same unhidden.
+    """
     obs, got, active = told(name, "flat", observe="all")
     vectors, masks, whole, hidden = [], [], [], 0
     for mine in split_oracle(name, obs):
@@ -673,7 +676,7 @@ def test_flat_observations(name, told):
                 hidden += (~mine[mask]).sum()
         vectors.append(np.concatenate([np.float32(mine[key]).ravel() for key in sorted(mine)]))
         masks.append(np.concatenate([shows[key].ravel() for key in sorted(mine)]))
-    equal(got["obs"], vectors)
+    equal(got["obs"], np.where(active[:, None], vectors, 0))
     equal(got["obs_mask"], np.array(masks) & active[:, None])
     assert (hidden > 0) == (name in OPENAI)
     equal(got["critic"][:, : len(whole[0])], whole)

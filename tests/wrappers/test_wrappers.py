@@ -212,7 +212,7 @@ def test_split_spoof_join_flatten(touching):
     @jax.jit
     def views(key):
         """The state of the game, and what each layer around it makes of it."""
-        states = [touching.reset(key)]
+        states = [touching.reset(key, touching.default_params.replace(n_hiders=2, n_seekers=1))]
         for layer in (split, spoofed, joined, chosen, flat):
             states.append(layer.observe(states[-1]))
         return [state.obs for state in states]
@@ -236,7 +236,9 @@ def test_split_spoof_join_flatten(touching):
     equal(together["me"][:, 8:9], obs["agent_team_self"])
     vector = last["obs"]
     want = np.concatenate([np.asarray(padded["box_obs"]).reshape(5, -1), obs["agent_qpos_qvel_self"]], axis=1)
-    equal(vector[:, : want.shape[1]], want)
+    playing = np.asarray(last["obs_mask"]).any(axis=1)
+    assert playing.sum() == 3
+    equal(vector[:, : want.shape[1]], np.where(playing[:, None], want, 0))
     assert flat.observation_space["obs"].shape == vector.shape == (5, 27 + 10)
 
 
