@@ -33,6 +33,7 @@ def played(tmp_path_factory):
     return folder, json.loads(printed.read_text())
 
 
+@pytest.mark.slow
 def test_rollout_writes_what_it_says(played):
     folder, result = played
     assert (result["env"], result["worlds"], result["steps"], result["interrupted"]) == ("hide_and_seek", 6, 20, False)
@@ -160,6 +161,7 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
     assert "Traceback" not in told
 
 
+@pytest.mark.slow
 def test_an_interrupt_writes_what_was_done(tmp_path):
     """It ends the rollout after the step that runs, with everything written; the same again at once changes nothing."""
     process = started_rollout(tmp_path, "4 worlds", "--env.n_boxes=0", "--env.n_ramps=0", "--env.scenario=empty")

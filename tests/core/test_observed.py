@@ -80,6 +80,7 @@ def test_flat_observations_hide_what_is_not_seen_and_name_their_columns():
 # --- the table -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observations", ["raw", "split", "flat", "ego"])
 @pytest.mark.parametrize("name", GAMES)
 def test_everything_in_every_game_is_declared_and_has_its_shape(name, observations):

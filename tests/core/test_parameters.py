@@ -115,6 +115,7 @@ def places(env, state, name):
     return np.where(active(state, module.kind)[..., None], xy, np.nan).reshape(N, -1)
 
 
+@pytest.mark.slow
 def test_every_range_is_a_parameter_and_no_fixed_number_is(zoo):
     env, _, read = zoo
     assert set(env.default_params) == set(read) == set(ALONE)
@@ -163,6 +164,7 @@ def test_draws_are_uniform_over_their_ranges(narrow, zoo):
             assert uniform(values, low, high), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALONE)
 def test_a_parameter_alone_changes_what_it_names(name, zoo):
     """With the same keys, everything else that is drawn stays as it was, to the bit."""

@@ -21,6 +21,7 @@ def world(**fields):
 # --- the environment that was given ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_bare_environment_and_two_variants_of_it_live_side_by_side():
     bare = world(n_boxes=2)
     locks = maax.LockObjects(bare, objects=("box",))

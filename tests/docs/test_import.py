@@ -36,6 +36,7 @@ def python(code, **variables):
     return done.stderr.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", [False, True])
 def test_import_and_make(chosen, tmp_path):
     """They initialise no backend, print nothing, are quick, and have programs kept where the user says."""

@@ -132,6 +132,7 @@ KINDS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_higher_maxima_move_nothing(drawn, kind):
     (few, there), (many, there_too) = drawn[0][kind], drawn[1][kind]

@@ -212,6 +212,7 @@ class Weights(maax.Module):
         return layout.replace(sites=layout.sites | {"weights": weights})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "named"),
     [

@@ -80,6 +80,7 @@ def held(seed, n, n_agents):
 # Against MuJoCo's own compiler and engine.
 
 
+@pytest.mark.slow
 def test_fields_are_those_that_mujoco_compiles(drawn):
     """Mass, inertia and inverse weights follow sizes and masses, as MuJoCo compiles the files of `to_mjcf`."""
     env, state = drawn
@@ -115,6 +116,7 @@ def test_fields_are_those_that_mujoco_compiles(drawn):
     assert not wrong
 
 
+@pytest.mark.slow
 def test_the_c_engine_follows_plain_mujoco(drawn, batch_step):
     env, states = drawn
     states = few(states)
@@ -448,6 +450,7 @@ def limited():
     return envs, few(draw(envs[1], 26))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_frames", [1, 5])
 def test_limits_hold_what_outer_walls_would(n_frames, limited, batch_step):
     envs, states = limited

@@ -53,6 +53,7 @@ def assert_same(a, b, exact=True):
         np.testing.assert_array_equal(x, y) if exact else np.testing.assert_allclose(x, y, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_rollout_is_a_loop_of_steps(worlds, start, rolled):
     """Every world gets a key of its own at every step; observations are those that the policy saw."""
     last, kept = rolled
@@ -241,6 +242,7 @@ def test_a_save_without_worlds(worlds, start, tmp_path):
         checkpoints.save(4, worlds, worlds.env.state_shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [4, 8])
 def test_a_save_goes_on_with_more_or_fewer_worlds(worlds, start, rolled, tmp_path, n):
     checkpoints = maax.Checkpoints(tmp_path)

@@ -33,6 +33,7 @@ XML = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("active", ["true", "false"])
 def test_reference_accelerations_are_those_of_mujoco(active):
     model = mujoco.MjModel.from_xml_string(XML.format(active=active))

@@ -82,6 +82,7 @@ def fresh(weights):
     return Updates(weights, moments, jnp.zeros((), bool), jnp.zeros((), jnp.int32))
 
 
+@pytest.mark.slow
 def test_before_the_first_update_the_ratio_is_one(played):
     """What the update computes from chunks are the numbers with which the actions were drawn."""
     network, weights, batch, before = played
@@ -108,6 +109,7 @@ def test_rows_are_of_one_world_in_a_row(played):
     np.testing.assert_array_equal(rows.target[:, :, 0], np.tile(np.arange(8.0).reshape(2, 4), (N, 1)))
 
 
+@pytest.mark.slow
 def test_only_who_remembers_learns_to_echo(worlds, start):
     with_memory, _ = learn(worlds, start, settings("lstm"), 60)
     without, _ = learn(worlds, start, settings("none"), 60)
@@ -117,6 +119,7 @@ def test_only_who_remembers_learns_to_echo(worlds, start):
     assert abs(last[1]) < 0.3, "by chance"
 
 
+@pytest.mark.slow
 def test_opponents_get_no_gradient_and_play_their_own_policy(worlds, start):
     """With every world against past opponents, a team's parameters learn from its own steps alone."""
     config = TrainConfig(worlds=N, net=NetConfig(core="none", share="team", **SMALL), ppo=PPO)

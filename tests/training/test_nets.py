@@ -85,6 +85,7 @@ def assert_close(a, b, atol=1e-5):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=atol), a, b)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("encoder", "core", "share"),
     [*((encoder, core, "all") for encoder in ENCODERS for core in CORES), ("flat", "lstm", "team")],

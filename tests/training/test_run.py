@@ -58,6 +58,7 @@ def run(tmp_path_factory):
     return mine, done
 
 
+@pytest.mark.slow
 def test_the_folder_has_all_of_it(run):
     _, done = run
     about = json.loads((done.folder / "run.json").read_text())

@@ -54,6 +54,7 @@ def direction(points):
     return np.arctan2(ways[1], ways[0]) % np.pi
 
 
+@pytest.mark.slow
 def test_the_door_hangs_in_its_opening_and_moves_as_in_plain_mujoco(game):
     env, state = game
     x, y, width = np.asarray(state.world.plan.doors[0])

@@ -81,6 +81,7 @@ def with_mechanics(state, **changed):
     return state.replace(mechanics=mechanics)
 
 
+@pytest.mark.slow
 def test_a_recording_is_of_the_worlds_that_were_asked_for(played):
     began, recording = played
     np.testing.assert_array_equal(recording.states.data.qpos[0], began[SHOWN])

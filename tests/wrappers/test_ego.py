@@ -99,6 +99,7 @@ def states(name):
     return state.replace(data=jax.device_get(jax.jit(jax.vmap(env.base.engine.pose))(state.world.fields, data)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GAMES)
 def test_turning_and_shifting_a_world_changes_only_absolute_columns(name):
     env, observe = ego(name), observed(ego(name))

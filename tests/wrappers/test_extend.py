@@ -252,6 +252,7 @@ def test_wrappers_that_were_refused_wrap_nothing():
     assert kept is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize(
     "make", [lambda: maax.make("hide_and_seek", impl="c", n_boxes=2), handmade], ids=["game", "handmade"]

@@ -182,6 +182,7 @@ def relative(agents, box, i=0):
     return np.stack([cos * to[..., 0] + sin * to[..., 1], cos * to[..., 1] - sin * to[..., 0], turned], axis=-1)
 
 
+@pytest.mark.slow
 def test_what_is_held_follows(carrying):
     """Full forces along x and y that change every 20 steps, for 600 steps, against walls too."""
     state = gripping(carrying, 0.2)

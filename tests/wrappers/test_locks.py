@@ -115,6 +115,7 @@ def spread(env, state):
 LIMITS = {("equality", False): (0.5, 0.1), ("joint_range", False): (5.0, 0.7), ("equality", True): (5.0, 0.7)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "free"), LIMITS)
 def test_a_locked_object_is_held(method, free):
     """Under 200 N and 20 Nm for 1,000 steps, and without swinging; unlocked, it goes."""
@@ -146,6 +147,7 @@ def test_a_locked_object_is_held(method, free):
     assert (np.linalg.norm(np.asarray(state.data.xpos)[ids] - place, axis=1) > 0.1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "free", "outer"), [*((*case, "walls") for case in LIMITS),
                                                        ("joint_range", False, "limits")])  # fmt: skip
 def test_unlocked_it_moves_as_if_never_locked(method, free, outer):
@@ -202,6 +204,7 @@ def roaming():
     return jax.tree.map(lambda *x: np.stack(x), *drawn).replace(key=keys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lock_type", LOCK_TYPES)
 def test_locks_over_time(lock_type, roaming):
     """Agents roam among objects and change their minds; nearness is recomputed from where all were before a step.

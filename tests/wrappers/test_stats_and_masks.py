@@ -99,6 +99,7 @@ def seeing(sensing, start):
 # --- senses and preparation ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_blind_seekers(blind, seeing):
     """Nothing of what they sense is left before step `PREP`, and all of it from then on; hiders sense as ever."""
     some = 0

@@ -128,6 +128,7 @@ class TagOracle:
         return np.array([(-1 if i == self.it else 1 / others) if active[i] else 0 for i in range(N)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("immunity", [0, 1, 7])
 def test_tag(immunity, touching, played):
     """Random touches between random players: who is it, whose turn is not yet back, what it costs, who is drawn."""
