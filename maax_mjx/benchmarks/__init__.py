@@ -21,6 +21,7 @@ BENCHMARKS = (
     "sampling",
     "scaling",
     "soak",
+    "stages",
     "step",
     "train_speed",
     "updates",

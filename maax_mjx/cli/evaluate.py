@@ -23,7 +23,7 @@ class Evaluate:
     """
 
     policy: tyro.conf.Positional[str]
-    """A policy's file, or the folder of a run."""
+    """A policy: its file, the folder of a run, or the name of one that comes with the package, quadrant/forts."""
     against: tuple[str, ...] = ("random",)
     """Opponents: random, still, chase, close_door, self, files, folders, or a run's past as in runs/x@50M."""
     episodes: PositiveCount = 1024

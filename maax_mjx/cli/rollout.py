@@ -61,7 +61,7 @@ class Rollout:
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
     policy: Path | None = None
-    """A trained policy's file, or the folder of a run; the game is set as it was learnt."""
+    """A trained policy: a file, the folder of a run, or a name, quadrant/forts; the game is set as it was learnt."""
     show: PositiveCount = 1
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))

@@ -9,6 +9,7 @@ from maax_mjx.training.opponents import SCRIPTED, Scripted
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.ratings import Rating, Result, rate
 from maax_mjx.training.run import Progress, Run, Trainer
+from maax_mjx.training.shipped import policies
 from maax_mjx.training.train import train
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "evaluate",
     "intervened",
     "player_of",
+    "policies",
     "preset",
     "rate",
     "train",

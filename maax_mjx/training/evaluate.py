@@ -20,6 +20,7 @@ from maax_mjx.training.folder import Folder
 from maax_mjx.training.opponents import SCRIPTED, Scripted
 from maax_mjx.training.policy import Policy, check_policy
 from maax_mjx.training.ratings import LIKELY, Rating, Result, rate
+from maax_mjx.training.shipped import file_of, policies
 
 SELF = "self"
 """Name of the policy where it is its own opponent, and in ratings."""
@@ -146,7 +147,7 @@ def evaluate(
     Args:
         policy: the policy, or the name of a scripted one.
         against: opponents: "self", scripted ones ("random", "still", "chase", "close_door"), policies, files of them,
-            folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
+            names of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
         episodes: episodes of every match, each in a world of its own.
         env: the game; None makes that of the policy.
         teams: the policy's teams; None is every team.
@@ -193,8 +194,8 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
     text, at, steps = str(given).rpartition("@")
     if at and not Path(given).exists():
         return _past(argument, text, steps)
-    if not Path(given).exists():
-        check_choice(argument, str(given), [*SCRIPTED, SELF])
+    if not file_of(Path(given)).exists():
+        check_choice(argument, str(given), [*SCRIPTED, SELF, *policies()])
     return Policy.load(given)
 
 

@@ -24,6 +24,7 @@ from maax_mjx.tasks.config import from_plain, with_tuples
 from maax_mjx.training.actions import Head, mode, sample
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Network, Weights
+from maax_mjx.training.shipped import file_of, policies
 from maax_mjx.training.spec import Kind, Part, Spec
 
 MAGIC, FORMAT = "maax_mjx policy", 1
@@ -114,32 +115,36 @@ class Policy:
         check_fits(self.network, other)
         return Policy(other, self.params, self.game, self.steps, self.play.deterministic)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, small: bool = False) -> None:
         """Writes it to one file, completely or not at all.
 
         Args:
             path: the file, such as "quad.policy".
+            small: whether to leave out the critic and to write numbers of 16 bits, in a quarter of the bytes: such a
+                policy plays, and a run that begins with it draws a new critic.
         """
         header = {"magic": MAGIC, "format": FORMAT, "game": self.game, "steps": self.steps}
         header["network"] = asdict(self.network)
-        host = jax.tree.map(np.asarray, self.params)
+        host = jax.tree.map(np.asarray, self.params.replace(critic={}) if small else self.params)
+        if small:
+            host = jax.tree.map(lambda x: x.astype(np.float16) if x.dtype == np.float32 else x, host)
         data = {"header": json.dumps(header), "weights": serialization.to_state_dict(host)}
         with whole(Path(path)) as part:
             part.write_bytes(serialization.msgpack_serialize(data))
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
-        """Reads a file that `save` wrote, or the newest policy of a run's folder.
+        """Reads a file that `save` wrote, the newest policy of a run's folder, or one that comes with the package.
 
         Args:
-            path: the file, or the folder of a run.
+            path: the file, the folder of a run, or one of `training.policies()`.
 
         Raises:
             ValueError: no such file, another one, or a damaged one.
         """
-        path = Path(path)
+        path = file_of(Path(path))
         path = path / "policy" if path.is_dir() else path
-        takes = "takes a file that Policy.save wrote, or the folder of a run"
+        takes = f"takes a file that Policy.save wrote, the folder of a run, or one of {list(policies())}"
         try:
             data = serialization.msgpack_restore(path.read_bytes())
             header = json.loads(data["header"])
@@ -247,7 +252,7 @@ def _restored(network: Network, saved: dict[str, Any]) -> Weights:
     for (path, x), wanted in zip(jax.tree.leaves_with_path(weights), jax.tree.leaves(template), strict=True):
         if np.shape(x) != wanted.shape:
             raise ValueError(f"{jax.tree_util.keystr(path)} has shape {np.shape(x)}, not {wanted.shape}")
-    return weights
+    return jax.tree.map(lambda x, wanted: np.asarray(x, wanted.dtype), weights, template)
 
 
 def check_policy(policy: Any) -> Policy:

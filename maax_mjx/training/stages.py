@@ -59,13 +59,23 @@ STAGES: dict[str, tuple[Stage, ...]] = {
 """By game, the stages after chasing and fleeing, which are told by play against random agents."""
 
 
+def stage_reached(game: str, numbers: Mapping[str, float]) -> str:
+    """Returns the name of the furthest stage that a game's numbers hold; "" for none.
+
+    Args:
+        game: name of the game.
+        numbers: means over episodes by name, as `TrackStats` and `TrackTools` give them.
+    """
+    held = [stage.name for stage in STAGES.get(game, ()) if stage.holds(numbers)]
+    return held[-1] if held else ""
+
+
 def stage_of(game: str, metrics: Mapping[str, float]) -> str:
     """Returns the name of the furthest stage that an iteration's metrics hold; "" for none.
 
     Args:
         game: name of the game.
-        metrics: numbers by name, those of ended episodes as "episode_...", as `TrackStats` and `TrackTools` give them.
+        metrics: numbers by name, those of ended episodes as "episode_...".
     """
-    numbers = {name.removeprefix(PREFIX): x for name, x in metrics.items() if name.startswith(PREFIX)}
-    held = [stage.name for stage in STAGES.get(game, ()) if stage.holds(numbers)]
-    return held[-1] if held else ""
+    ended = {name.removeprefix(PREFIX): x for name, x in metrics.items() if name.startswith(PREFIX)}
+    return stage_reached(game, ended)

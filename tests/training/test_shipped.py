@@ -1,0 +1,67 @@
+"""Policies that come with the package: their files, their names, and that they do what their names say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from maax_mjx import training
+from maax_mjx.training.shipped import FOLDER, file_of
+
+BYTES = 2_000_000
+"""Of one policy, at most."""
+
+
+def test_all_are_small_and_load():
+    names = training.policies()
+    assert {"quadrant/chase", "quadrant/forts"} <= set(names)
+    for name in names:
+        assert (FOLDER / f"{name}.policy").stat().st_size < BYTES
+        policy = training.Policy.load(name)
+        assert policy.steps > 0
+        assert policy.game
+        assert {np.asarray(x).dtype for x in jax.tree.leaves(policy.params)} == {np.dtype(np.float32)}
+        assert not policy.params.critic
+
+
+def test_small_files_are_near_the_policy(tmp_path):
+    policy = training.Policy.load("quadrant/forts")
+    policy.save(tmp_path / "large")
+    policy.save(tmp_path / "small", small=True)
+    assert (tmp_path / "small").stat().st_size < 0.51 * (tmp_path / "large").stat().st_size
+    again = training.Policy.load(tmp_path / "small")
+    jax.tree.map(np.testing.assert_array_equal, again.params, policy.params)
+
+
+def test_what_is_there_comes_before_a_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert file_of(Path("quadrant/forts")).is_relative_to(FOLDER)
+    (tmp_path / "quadrant").mkdir()
+    (tmp_path / "quadrant" / "forts").write_text("")
+    assert file_of(Path("quadrant/forts")) == Path("quadrant/forts")
+    with pytest.raises(ValueError, match="quadrant/forts, which is no policy"):
+        training.Policy.load("quadrant/forts")
+
+
+@pytest.mark.parametrize("name", ["quadrant/fort", "quadrant", "../quadrant/forts", "quadrant/forts.policy"])
+def test_unknown_names_are_refused_with_the_known_ones(name):
+    with pytest.raises(ValueError, match=r"which is not there; takes .* one of \['quadrant/chase', 'quadrant/forts'\]"):
+        training.Policy.load(name)
+    with pytest.raises(ValueError, match="against: got"):
+        training.player_of("against", name)
+
+
+@pytest.mark.slow
+def test_they_do_what_their_names_say():
+    """Chasing seekers see hiders nearly always; hiders in forts are nearly never seen."""
+    chase, forts = (training.Policy.load(f"quadrant/{name}") for name in ("chase", "forts"))
+    env = forts.make_env(impl="c")
+    seen = {
+        name: training.evaluate(policy, ["self"], 24, env, teams=["seekers"]).matches[0].metrics["caught"].mean
+        for name, policy in (("chase", chase), ("forts", forts))
+    }
+    assert seen["chase"] > 0.75
+    assert seen["forts"] < 0.3
