@@ -123,8 +123,8 @@ class TrainConfig(Config):
 
 EGO = {"observations": "ego", "observe": "all", "boxsize_obs": True}
 PRESETS: dict[str, TrainConfig] = {
-    # However many samples an iteration has, clipping lets the policy move only so far in it. So short iterations: on the
-    # quadrant they learnt in half of the samples of those of 20 steps, which made as many updates from each sample.
+    # However many samples an iteration has, clipping lets the policy move only so far in it. So short iterations: on
+    # the quadrant they learnt from half of the samples that 20 steps took, with as many updates for each sample.
     "gpu": TrainConfig(
         worlds=65_536,
         ppo=PPOConfig(unroll=8, chunk=8, minibatches=16, lr=5e-4, gamma=0.98, entropy=0.003),

@@ -147,7 +147,8 @@ def evaluate(
     Args:
         policy: the policy, or the name of a scripted one.
         against: opponents: "self", scripted ones ("random", "still", "chase", "close_door"), policies, files of them,
-            names of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
+            names of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many
+            steps.
         episodes: episodes of every match, each in a world of its own.
         env: the game; None makes that of the policy.
         teams: the policy's teams; None is every team.

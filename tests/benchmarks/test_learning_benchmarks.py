@@ -8,7 +8,7 @@ import pytest
 from helpers import toys
 
 from maax_mjx import training
-from maax_mjx.benchmarks import learning, train_speed
+from maax_mjx.benchmarks import learning, stages, train_speed
 from maax_mjx.training import config
 
 
@@ -61,3 +61,24 @@ def test_learning(run, folder, monkeypatch):
     (again,) = run(learning, folder / "again_cpu.json", **options)
     assert again["steps"] == row["steps"]
     assert again["seekers"] == row["seekers"]
+    (trained,) = (folder / "runs").iterdir()
+    (played,) = run(stages, folder / "stages_cpu.json", runs=(trained,), without=("",), episodes=4, impl="c")
+    assert (played["run"], played["steps"], played["without"]) == (trained.name, row["steps"], "")
+    assert played["stage"] == ""
+    assert played["trained"] > 0
+    assert 0 <= played["numbers"]["enclosed_prep"][0] <= 1
+
+
+def test_policies_of_a_run_are_played_from_the_oldest_to_the_newest(folder):
+    """The one of the beginning has learnt nothing, and the newest may be among the past ones as well."""
+    policy = training.Policy.load("quadrant/chase")
+    (folder / "run" / "past").mkdir(parents=True)
+    (folder / "run" / "run.json").write_text("{}")
+    policy.save(folder / "run" / "policy")
+    for steps in (0, 5_000_000, policy.steps):
+        policy.save(folder / "run" / "past" / f"{steps:015d}")
+    both = stages.Config(runs=(folder / "run",), without=("", "no_ramps"))
+    assert [(case.run, case.steps, case.without) for case in stages.cases(both)] == [
+        ("run", steps, without) for steps in (5_000_000, policy.steps) for without in ("", "no_ramps")
+    ]
+    assert [case.steps for case in stages.cases(replace(both, past=False, without=("",)))] == [policy.steps]
