@@ -12,7 +12,7 @@ import tyro
 
 from maax_mjx.cli.bench import BENCHMARKS, bench
 from maax_mjx.cli.evaluate import Evaluate, evaluate
-from maax_mjx.cli.info import Info, info
+from maax_mjx.cli.info import Info, info, is_of_faults
 from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
 from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
 from maax_mjx.cli.replay import Replay, replay
@@ -21,7 +21,7 @@ from maax_mjx.cli.train import GROUPS, Train, train
 from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.runtime import is_out_of_memory
-from maax_mjx.tasks import tasks
+from maax_mjx.tasks import check_game
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
@@ -88,9 +88,9 @@ def run(argv: list[str]) -> None:
     for group in GROUPS if argv[:1] == ["train"] else ():
         argv, found = split_overrides(argv, f"--{group}.")
         settings |= {f"{group}.{name}": text for name, text in found.items()}
-    named = argv[:1] in (["rollout"], ["info"]) and len(argv) > 1 and not argv[1].startswith("-")
-    if named and not (argv[0] == "info" and argv[1].endswith(".npz")):
-        check_choice("env", argv[1], tasks())
+    named = argv[:1] in (["rollout"], ["info"], ["worlds"]) and len(argv) > 1 and not argv[1].startswith("-")
+    if named and not (argv[0] == "info" and is_of_faults(argv[1])):
+        check_game("env", argv[1])
     args = tyro.extras.subcommand_cli_from_dict(
         COMMANDS, args=argv, prog="maax-mjx", description=DESCRIPTION, config=(tyro.conf.OmitArgPrefixes,)
     )
@@ -102,11 +102,13 @@ def run(argv: list[str]) -> None:
         evaluate(args, overrides)
     elif isinstance(args, Info) and (args.env or not overrides):
         info(args, overrides)
+    elif isinstance(args, Sheet) and (args.env or not overrides):
+        with Interrupt():
+            sheet(args, overrides)
     elif overrides:
         field = f"--env.{next(iter(overrides))}"
-        raise ValueError(f"{field}: only rollout, train, evaluate and info of an environment take fields of its config")
-    elif isinstance(args, Sheet):
-        with Interrupt():
-            sheet(args)
+        raise ValueError(
+            f"{field}: only rollout, train, evaluate, and info and worlds of an environment take fields of its config"
+        )
     elif isinstance(args, Replay):
         replay(args)

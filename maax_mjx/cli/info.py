@@ -15,7 +15,7 @@ import tyro
 from gymnasium import spaces
 
 import maax_mjx as maax
-from maax_mjx.cli.options import config_with, names, report
+from maax_mjx.cli.options import config_with, game_names, report
 from maax_mjx.cli.saved import TAKES, env_of
 from maax_mjx.common.runtime import cores
 from maax_mjx.core.describe import Description, Row
@@ -42,8 +42,9 @@ PACKAGES = (
 class Info:
     """Shows what is installed, an environment's config, teams and spaces, or what went wrong in a world."""
 
-    env: tyro.conf.Positional[names(maax.tasks()) | Path | None] = None  # type: ignore[valid-type]
-    """An environment's name; or a file of keep_faults, whose last step is made again; without, what is installed."""
+    env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
+    """An environment's name, or a game in a file, my_game.py:football; or a file of keep_faults, whose last step is
+    made again; without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 
@@ -54,11 +55,16 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
     Raises:
         ValueError: an unknown environment.
     """
-    if isinstance(args.env, Path):
-        result = of_fault(args.env)
+    if args.env and is_of_faults(args.env):
+        result = of_fault(Path(args.env))
     else:
         result = of_env(args.env, overrides) if args.env else of_installation()
     report(result, args.json, "\n".join(_lines(result)))
+
+
+def is_of_faults(word: str) -> bool:
+    """Whether a word is a file, one of keep_faults, and no environment."""
+    return word.endswith((".npz", ".xml"))
 
 
 def of_fault(path: Path) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import maax_mjx as maax
 from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
 from maax_mjx.core.env import Environment
+from maax_mjx.tasks import is_in_a_file
 from maax_mjx.tasks.config import inner_config
 
 ENV = "--env."
@@ -22,6 +23,16 @@ Seed = Annotated[int, Bounds(0, LONG)]
 def names(choices: Iterable[str]) -> Any:
     """Returns the type of an option that takes one of some names, which Tab completes."""
     return Literal[tuple(choices)]
+
+
+def game_names() -> Any:
+    """Returns the type of an option that takes a game: names, which Tab completes, or "my_game.py:football"."""
+    return names(maax.tasks()) | str
+
+
+def is_game(word: str) -> bool:
+    """Whether a word names a game."""
+    return word in maax.tasks() or is_in_a_file(word)
 
 
 def check_words(argv: Sequence[str]) -> None:
@@ -57,7 +68,7 @@ def split_overrides(argv: list[str], prefix: str = ENV) -> tuple[list[str], dict
             name, equals, value = word.removeprefix(prefix).partition("=")
             name, open_ended = name.replace("-", "_"), not equals
             found[name] = [value] if equals else []
-        elif open_ended and not word.startswith("--") and not (found[name] and word in maax.tasks()):
+        elif open_ended and not word.startswith("--") and not (found[name] and is_game(word)):
             found[name].append(word)
         else:
             open_ended = False

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, make_env, make_folder, names, report
+from maax_mjx.cli.options import Seed, game_names, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.progress import progress
@@ -50,8 +50,8 @@ class Rollout:
     MuJoCo).
     """
 
-    env: tyro.conf.Positional[names(maax.tasks())] = "standard"  # type: ignore[valid-type]
-    """Name of the environment."""
+    env: tyro.conf.Positional[game_names()] = "standard"  # type: ignore[valid-type]
+    """Name of the environment, or a game in a file of your own, my_game.py:football."""
     worlds: PositiveCount = 256
     """Number of worlds stepped together, each in its own layout."""
     steps: PositiveCount = 1000

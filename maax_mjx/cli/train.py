@@ -13,9 +13,10 @@ import tyro
 import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, names, report, value_of, values_of
+from maax_mjx.cli.options import Seed, is_game, names, report, value_of, values_of
 from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
 from maax_mjx.common.whole import whole
+from maax_mjx.tasks import short_name
 from maax_mjx.tasks.config import from_plain
 from maax_mjx.training.folder import RUN, Folder
 
@@ -39,7 +40,7 @@ class Train:
     """
 
     game: tyro.conf.Positional[str]
-    """Name of a game, or the folder of a run to go on with."""
+    """Name of a game, one in a file of your own, my_game.py:football, or the folder of a run to go on with."""
     preset: names(training.PRESETS) | None = None  # type: ignore[valid-type]
     """Settings to start from; by default "laptop" on a CPU and "gpu" elsewhere."""
     worlds: PositiveCount | None = None
@@ -49,7 +50,7 @@ class Train:
     steps: PositiveCount | None = None
     """Env steps of the whole run."""
     out: Path | None = None
-    """Folder of the run; by default runs/GAME."""
+    """Folder of the run; by default runs/ and the name of the game."""
     seed: Seed = 0
     """Seed of the worlds, the networks and all draws."""
     begin_from: Annotated[Path | None, tyro.conf.arg(name="from")] = None
@@ -85,7 +86,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
         with training.Bar(minutes, args.steps) as bar:
             trainer = training.Trainer(
                 args.game,
-                args.out or Path("runs") / args.game,
+                args.out or Path("runs") / short_name(args.game),
                 args.preset or default_preset(),
                 args.worlds,
                 devices=int(args.devices) if args.devices.isdigit() else args.devices,
@@ -120,7 +121,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     Raises:
         ValueError: neither a game nor the folder of a run, or fields of the game with a folder.
     """
-    if args.game in maax.tasks() or not (Path(args.game) / RUN).exists():
+    if is_game(args.game) or not (Path(args.game) / RUN).exists():
         return args, values_of(args.game, env)
     if env:
         raise ValueError(f"--env.{next(iter(env))}: got it with the folder of a run; takes it with a new run")

@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal
 
 import jax
+import tyro
 
 import maax_mjx as maax
-from maax_mjx.cli.options import Seed, check_out, count_of, make_folder, report
+from maax_mjx.cli.options import Seed, check_out, count_of, game_names, make_env, make_folder, report
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.whole import whole
 from maax_mjx.core.blame import blame
+from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.layout import PlacementFn, World, placement_by_name
+from maax_mjx.tasks import short_name
 from maax_mjx.viewer import contact_sheet
 
 Outer = Literal["walls", "limits", "none"]
 KINDS = (".png", ".jpg", ".pdf", ".svg")
 MOST = 500
 """Worlds in one picture."""
+OF_GAMES = ("env", "n", "seed", "out", "json")
+"""Options that games take as well."""
 
 
 @dataclass
 class Sheet:
     """Draws worlds from above, as a sheet of layouts, without stepping them.
 
+    With a game, its worlds, whose fields are set as in --env.n_boxes 2,6; without one, worlds of the other options.
     Says how many layouts are invalid and which placements are to blame.
     """
 
+    env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
+    """Name of an environment, or a game in a file of your own, my_game.py:football."""
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; each world draws one of several."""
     placement: tuple[str, ...] = ("uniform",)
@@ -57,13 +65,22 @@ class Sheet:
     """Whether to print the result as JSON."""
 
 
-def sheet(args: Sheet) -> None:
+def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
     """Runs `maax-mjx worlds`.
 
+    Args:
+        args: the options.
+        overrides: values of the game's config fields, as texts.
+
     Raises:
-        ValueError: an option out of its range, or arguments that the modules refuse.
+        ValueError: an option out of its range, arguments that the modules refuse, or a game with options of worlds
+            without one.
     """
     check_fields(args)
+    if args.env is not None:
+        for option in fields(args):
+            if option.name not in OF_GAMES and getattr(args, option.name) != getattr(Sheet(), option.name):
+                raise ValueError(f"{option.name}: got it with {args.env}; takes it without a game")
     for name in ("scenario", "placement"):
         if not getattr(args, name):
             raise ValueError(f"{name}: got no value; takes one or more names")
@@ -74,16 +91,10 @@ def sheet(args: Sheet) -> None:
     check_out(args.out, KINDS)
     make_folder(args.out.parent)
     drawn, blamed = [], []
-    for placement in args.placement:
-        env = maax.Base(args.n_agents)
-        env.add_module(maax.WallScenarios(args.scenario, outer=args.outer))
-        boxes, elongated = count_of("n_boxes", args.n_boxes), count_of("n_elongated_boxes", args.n_elongated_boxes)
-        env.add_module(maax.Boxes(boxes, n_elongated_boxes=elongated))
-        env.add_module(maax.Agents(args.n_agents, parse_placement(placement)))
-        env.add_module(maax.Ramps(count_of("n_ramps", args.n_ramps)))
+    for placement, env in _games(args, overrides):
         states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
         drawn += [(env, world_of(states, i), placement) for i in range(args.n)]
-        if why := blame(env, *jax.device_get((states.world.valid, states.params))):
+        if why := blame(env.base, *jax.device_get((states.world.valid, states.params))):
             blamed.append(f"{placement}: {why}")
     titles = [_title(args, state.world, placement) for _, state, placement in drawn]
     with whole(args.out) as part:
@@ -93,10 +104,26 @@ def sheet(args: Sheet) -> None:
     report(result, args.json, "\n".join([f"wrote {args.out}: {len(drawn)} worlds, {invalid} invalid", *blamed]))
 
 
-def _title(args: Sheet, world: World, placement: str) -> str:
-    parts = [args.scenario[int(world.plan.scenario)]] if len(args.scenario) > 1 else []
-    parts += [placement] if len(args.placement) > 1 else []
-    return ", ".join(parts or [placement]) + ("" if world.valid else " (invalid)")
+def _games(args: Sheet, overrides: Mapping[str, str]) -> Iterator[tuple[str, Environment]]:
+    """Yields what is drawn, with its name: a game, or the worlds of each placement."""
+    if args.env is not None:
+        # Nothing is stepped; the C engine is the first to be ready.
+        yield short_name(args.env), make_env(args.env, "c", overrides)
+        return
+    for placement in args.placement:
+        env = maax.Base(args.n_agents)
+        env.add_module(maax.WallScenarios(args.scenario, outer=args.outer))
+        boxes, elongated = count_of("n_boxes", args.n_boxes), count_of("n_elongated_boxes", args.n_elongated_boxes)
+        env.add_module(maax.Boxes(boxes, n_elongated_boxes=elongated))
+        env.add_module(maax.Agents(args.n_agents, parse_placement(placement)))
+        env.add_module(maax.Ramps(count_of("n_ramps", args.n_ramps)))
+        yield placement, env
+
+
+def _title(args: Sheet, world: World, name: str) -> str:
+    parts = [args.scenario[int(world.plan.scenario)]] if args.env is None and len(args.scenario) > 1 else []
+    parts += [name] if len(args.placement) > 1 else []
+    return ", ".join(parts or [name]) + ("" if world.valid else " (invalid)")
 
 
 def parse_placement(text: str) -> PlacementFn:

@@ -1,5 +1,6 @@
 """Complete games and their configs, and environments by name."""
 
+from maax_mjx.tasks.brought import is_in_a_file, short_name
 from maax_mjx.tasks.capture_the_flag import CaptureTheFlagConfig, capture_the_flag
 from maax_mjx.tasks.hide_and_seek import (
     FullConfig,
@@ -12,7 +13,7 @@ from maax_mjx.tasks.hide_and_seek import (
     hide_and_seek,
 )
 from maax_mjx.tasks.observe import observed_by_agents
-from maax_mjx.tasks.registry import config_of, jitted, make, register, tasks
+from maax_mjx.tasks.registry import check_game, config_of, jitted, make, register, tasks
 from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, standard, world
 from maax_mjx.tasks.tag import TagConfig, tag
 
@@ -37,12 +38,15 @@ __all__ = [
     "TagConfig",
     "WorldConfig",
     "capture_the_flag",
+    "check_game",
     "config_of",
     "hide_and_seek",
+    "is_in_a_file",
     "jitted",
     "make",
     "observed_by_agents",
     "register",
+    "short_name",
     "standard",
     "tag",
     "tasks",

@@ -13,6 +13,7 @@ from maax_mjx.common.checks import check_choice, check_new_name, is_traced
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment, Made
 from maax_mjx.core.state import State
+from maax_mjx.tasks.brought import GROUP, TAKES, config_class, games_in, installed, is_in_a_file, module_of, short_name
 from maax_mjx.tasks.config import Extensions, override
 
 
@@ -27,8 +28,58 @@ _TASKS: dict[str, Task] = {}
 
 
 def tasks() -> list[str]:
-    """Returns the names that `make` takes."""
-    return sorted(_TASKS)
+    """Returns the names that `make` takes, those of installed packages among them; see `check_game` for others."""
+    return sorted({*(name for name in _TASKS if not is_in_a_file(name)), *installed()})
+
+
+def check_game(argument: str, name: Any) -> str:
+    """Returns the name of a game: one of `tasks()`, or one in a file, "my_game.py:football".
+
+    Raises:
+        ValueError: another name; the message suggests the nearest ones.
+    """
+    if isinstance(name, str) and name.endswith(".py"):
+        raise ValueError(f"{argument}: got {name!r}, a file without the name of a game; {TAKES}")
+    return name if is_in_a_file(name) else check_choice(argument, name, tasks())
+
+
+def _task(name: str) -> Task:
+    """Returns a game's builder and config class; files and packages are imported when they are asked for first."""
+    if check_game("name", name) not in _TASKS:
+        if is_in_a_file(name):
+            _bring_from_file(name)
+        else:
+            _bring_from_package(name)
+    return _TASKS[name]
+
+
+def _bring_from_file(name: str) -> None:
+    module, short = module_of(name), short_name(name)
+    registered = {key: task for key, task in _TASKS.items() if not is_in_a_file(key)}
+    own = {key: task for key, task in registered.items() if task.build.__module__ == module.__name__}
+    found = own | {key: Task(*game) for key, game in games_in(module).items() if key not in own}
+    if short not in found:
+        raise ValueError(f"name: got {name!r}, whose file has the games {sorted(found)}; {TAKES}")
+    register(name, *found[short])
+
+
+def _bring_from_package(name: str) -> None:
+    point = installed()[name]
+    try:
+        build = point.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(
+            f"name: got {name!r}, whose package cannot be imported ({error}); takes one of {sorted(_TASKS)}"
+        ) from error
+    # The import may have registered it.
+    if name not in _TASKS:
+        config = config_class(build)
+        if config is None:
+            raise ValueError(
+                f"name: got {name!r}, whose entry point in {GROUP!r}, {point.value}, is {build!r}; takes a function "
+                "whose only argument is annotated with a frozen dataclass"
+            )
+        register(name, build, config)
 
 
 def register(name: str, build: Callable[[Any], Environment], config: type) -> None:
@@ -63,7 +114,7 @@ def config_of(name: str | Environment, **overrides: Any) -> Any:
     """Returns the config of a named environment, or the one that an environment was made from.
 
     Args:
-        name: one of `tasks()`, or an environment that `make` made, with or without further wrappers.
+        name: a name that `make` takes, or an environment that `make` made, with or without further wrappers.
         **overrides: fields to change; see `make`.
 
     Raises:
@@ -75,7 +126,7 @@ def config_of(name: str | Environment, **overrides: Any) -> Any:
         if made is None:
             raise ValueError(f"config_of: got {name!r}, which has no config; takes what maax.make made, or its name")
         return override(made.config, overrides, f"config_of({made.name!r})")
-    task = _TASKS[check_choice("name", name, _TASKS)]
+    task = _task(name)
     return override(task.config(), overrides, f"make({name!r})")
 
 
@@ -87,7 +138,8 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
         env = make("hide_and_seek_quadrant", modules=[Door()], inside={"HideAndSeekReward": Flashlight})
 
     Args:
-        name: one of `tasks()`.
+        name: one of `tasks()`, or a game in a file of one's own, "my_game.py:football": what the file registers under
+            that name, or a function whose only argument is annotated with a frozen dataclass.
         config: an object of the environment's config class to start from; None uses the defaults.
         **overrides: values by field of that config, or by dotted name for fields of fields. Games have the fields
             `modules`, `inside` and `outside`, for what is put in between; see `extended`.
@@ -102,7 +154,7 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
         raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
     config = override(defaults if config is None else config, overrides, f"make({name!r})")
     check_fields(config)
-    env = _TASKS[name].build(config)
+    env = _task(name).build(config)
     if not isinstance(env, Environment):
         raise ValueError(f"build: got {env!r} from that of {name!r}; takes a function from a config to an environment")
     if isinstance(config, Extensions):

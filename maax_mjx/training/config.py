@@ -124,7 +124,7 @@ class TrainConfig(Config):
 EGO = {"observations": "ego", "observe": "all", "boxsize_obs": True}
 PRESETS: dict[str, TrainConfig] = {
     # However many samples an iteration has, clipping lets the policy move only so far in it. So short iterations: on
-    # the quadrant they learnt from half of the samples that 20 steps took, with as many updates for each sample.
+    # the quadrant they learnt from half of the samples that 20 steps took (docs/emergence.md).
     "gpu": TrainConfig(
         worlds=65_536,
         ppo=PPOConfig(unroll=8, chunk=8, minibatches=16, lr=5e-4, gamma=0.98, entropy=0.003),
