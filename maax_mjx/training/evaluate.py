@@ -171,10 +171,10 @@ def evaluate(
     if not names:
         raise ValueError("env: got one without teams; takes a game of teams")
     worlds = Worlds(env, episodes, devices)
-    mine = _seated(player_of("policy", policy), env)
+    mine = seated(player_of("policy", policy), env)
     matches = []
     for one in against:
-        other = mine if isinstance(one, str) and one == SELF else _seated(player_of("against", one), env)
+        other = mine if isinstance(one, str) and one == SELF else seated(player_of("against", one), env)
         name = one if isinstance(one, str) else repr(one)
         matches += [_match(worlds, mine, other, team, name, seed) for team in names]
     return Evaluation(tuple(matches))
@@ -221,7 +221,12 @@ class Seated(NamedTuple):
     memory: Callable[[int], Any]
 
 
-def _seated(player: Policy | Scripted, env: Environment) -> Seated:
+def seated(player: Policy | Scripted, env: Environment) -> Seated:
+    """Returns a player as it plays an environment.
+
+    Raises:
+        ValueError: an environment that it cannot play.
+    """
     if isinstance(player, Scripted):
         return Seated(player.on(env), np.zeros(0, np.float32), lambda n: np.zeros((n, 0), np.float32))
     fitting = check_policy(player).on(env)

@@ -16,6 +16,7 @@ FLOORS = (
     {"tasks"},
     {"training"},
     {"viewer", "benchmarks"},
+    {"adapters"},
     {"cli"},
 )
 """From the ground up. A room imports from the floors below its own alone, so that rooms of one floor do not meet."""

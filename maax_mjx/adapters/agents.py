@@ -1,0 +1,139 @@
+"""One agent's part of an environment: what it observes and decides, as other libraries want it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.common.checks import check_bool
+from maax_mjx.common.observed import Observed
+from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.state import State
+from maax_mjx.wrappers import FlattenObservations, MaskObservations, SplitObservations
+from maax_mjx.wrappers.wrapper import find
+
+FLAT = "obs"
+
+
+class WithVectors(FlattenObservations):
+    """Adds the vectors of `FlattenObservations` beside the arrays, which policies of the game read as before."""
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        return {**state.obs, **super().observation(state)}
+
+    def declared(self) -> dict[str, Observed]:
+        vectors = {name: replace(one, derived=True) for name, one in super().declared().items()}
+        return {**self.env.observed, **vectors}
+
+
+class PerAgent:
+    """An environment whose agents observe and act one by one, with spaces of a single agent.
+
+    Observations are the vector of `FlattenObservations`, or a dict of arrays, in both of which what an agent does not
+    see is zero. Actions are one space where their parts can be joined: a single part as it is, and bins, locks and
+    grabs as one `MultiDiscrete`, in the order of their names; otherwise they are a dict.
+
+    Args:
+        env: an environment whose agents observe for themselves: with `SplitObservations`, or flat.
+        flat: whether observations are one vector.
+
+    Attributes:
+        env: the environment, with what was wrapped around it.
+        observation_space, action_space: of one agent.
+
+    Raises:
+        ValueError: an environment whose agents share their observations, or a flat one that should not be.
+    """
+
+    def __init__(self, env: Environment, flat: bool = True):
+        check_environment(env)
+        if find(env, FlattenObservations) is None:
+            if find(env, SplitObservations) is None:
+                raise ValueError(
+                    f"env: got {env!r}, whose agents share what is observed; takes one with SplitObservations or "
+                    'EgocentricObservations, such as a game with observations="ego"'
+                )
+            env = WithVectors(env) if check_bool("flat", flat) else MaskObservations(env)
+        elif not flat:
+            raise ValueError(f"flat: got False for {env!r}, whose observations are vectors; takes one that is split")
+        self.env, self.flat = env, flat
+        table = env.observed
+        self._shown = [FLAT] if flat else [name for name, one in table.items() if not one.critic]
+        seen = {name: _of_one(env.observation_space[name]) for name in self._shown if table[name].is_of_agents}
+        if missing := [name for name in self._shown if name not in seen]:
+            raise ValueError(f"env: got {env!r}, in which {missing} belong to no agent; takes observations of agents")
+        self.observation_space: spaces.Space = seen[FLAT] if flat else spaces.Dict(seen)
+        self._parts = {name: _of_one(space) for name, space in sorted(env.action_space.spaces.items())}
+        self.action_space: spaces.Space = _joined(self._parts)
+
+    def observations(self, obs: Mapping[str, jax.Array]) -> Any:
+        """Returns observations (..., n_agents, ...) as the spaces have them: an array, or a dict of arrays."""
+        return obs[FLAT] if self.flat else {name: obs[name] for name in self._shown}
+
+    def action(self, chosen: Any) -> dict[str, jax.Array]:
+        """Returns the environment's action.
+
+        Args:
+            chosen: (..., n_agents, k), or a dict of such arrays, as the agents' action space has them.
+        """
+        if isinstance(self.action_space, spaces.Dict):
+            return {name: jnp.asarray(chosen[name]) for name in self._parts}
+        if len(self._parts) == 1:
+            return {name: jnp.asarray(chosen) for name in self._parts}
+        parts, at = {}, 0
+        for name, part in self._parts.items():
+            width = _width(part)
+            taken = jnp.asarray(chosen)[..., at : at + width]
+            parts[name] = taken[..., 0] if part.shape == () else taken
+            at += width
+        return parts
+
+    @property
+    def idle(self) -> Any:
+        """An action of one agent that does nothing."""
+
+        def still(part: spaces.Space) -> np.ndarray:
+            rest = part.nvec // 2 if isinstance(part, spaces.MultiDiscrete) else np.zeros(part.shape or ())
+            return np.asarray(rest, part.dtype)
+
+        found = {name: still(part) for name, part in self._parts.items()}
+        if isinstance(self.action_space, spaces.Dict):
+            return found
+        rows = np.concatenate([np.atleast_1d(part) for part in found.values()])
+        return rows.astype(self.action_space.dtype).reshape(self.action_space.shape or ())
+
+
+def _of_one(space: spaces.Space) -> spaces.Space:
+    """Returns the space of one agent, from that of all."""
+    if isinstance(space, spaces.MultiDiscrete):
+        return spaces.MultiDiscrete(space.nvec[0])
+    if isinstance(space, spaces.MultiBinary):
+        shape = tuple(np.atleast_1d(space.n))[1:]
+        return spaces.MultiBinary([int(n) for n in shape]) if shape else spaces.Discrete(2)
+    assert isinstance(space, spaces.Box)
+    return spaces.Box(space.low[0], space.high[0], dtype=space.dtype.type)
+
+
+def _width(part: spaces.Space) -> int:
+    return int(np.prod(part.shape or (1,)))
+
+
+def _joined(parts: Mapping[str, spaces.Space]) -> spaces.Space:
+    """Returns one space of all parts where there is one, else a dict."""
+    if len(parts) == 1:
+        return next(iter(parts.values()))
+    choices: list[int] = []
+    for part in parts.values():
+        if isinstance(part, spaces.Box):
+            return spaces.Dict(dict(parts))
+        if isinstance(part, spaces.MultiDiscrete):
+            choices += [int(n) for n in part.nvec.ravel()]
+        else:
+            choices += [2] * _width(part)
+    return spaces.MultiDiscrete(choices)

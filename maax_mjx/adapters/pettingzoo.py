@@ -1,0 +1,113 @@
+"""One world as a `ParallelEnv` of PettingZoo."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.adapters.agents import PerAgent
+from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.core.env import Environment
+from maax_mjx.viewer import render
+
+
+def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
+    """Makes a `pettingzoo.ParallelEnv` of one world.
+
+    Agents are named as in `env.agent_names`; those who are not in play in an episode are absent from it. An episode
+    ends for all of them at once. `infos` have, for every agent, "can_act": whether what it does next has an effect.
+
+    Example:
+        env = adapters.pettingzoo(maax.make("hide_and_seek_quadrant", observations="ego"))
+        observations, infos = env.reset(seed=0)
+        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+        observations, rewards, terminations, truncations, infos = env.step(actions)
+
+    Args:
+        env: an environment whose agents observe for themselves; see `PerAgent`, also for spaces.
+        flat: whether an agent observes one vector, or a dict of arrays.
+        seed: of the episodes before the first `reset(seed=...)`.
+
+    Raises:
+        MissingLibraryError: without PettingZoo, the extra "pettingzoo".
+        ValueError: an environment whose agents share their observations.
+    """
+    try:
+        from pettingzoo import ParallelEnv
+    except ImportError as error:
+        raise MissingLibraryError(
+            'pettingzoo: needs PettingZoo; the extra "pettingzoo" brings it, pip install -e ".[pettingzoo]"'
+        ) from error
+
+    class World(ParallelEnv):
+        """A world of maax_mjx."""
+
+        def __init__(self) -> None:
+            self._of = PerAgent(env, flat)
+            made = env.made_from
+            self.metadata = {"name": made.name if made else type(env).__name__, "render_modes": ["rgb_array"]}
+            self.render_mode = "rgb_array"
+            self.possible_agents = list(env.agent_names)
+            self.agents: list[str] = []
+            self._key = jax.random.key(seed)
+            self._state: Any = None
+
+        def observation_space(self, agent: str) -> Any:
+            return self._spaces("observation", agent)
+
+        def action_space(self, agent: str) -> Any:
+            return self._spaces("action", agent)
+
+        def _spaces(self, kind: str, agent: str) -> Any:
+            """Every agent has a space of its own, since drawing from one goes on from draw to draw."""
+            kept = self.__dict__.setdefault("_kept_spaces", {})
+            if (kind, agent) not in kept:
+                kept[kind, agent] = deepcopy(getattr(self._of, f"{kind}_space"))
+            return kept[kind, agent]
+
+        def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
+            if seed is not None:
+                self._key = jax.random.key(seed)
+            self._key, key = jax.random.split(self._key)
+            self._state = self._of.env.reset(key)
+            active = np.asarray(self._state.active)
+            self.agents = [name for name, plays in zip(self.possible_agents, active, strict=True) if plays]
+            return self._observed(), self._infos()
+
+        def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
+            if not self.agents:
+                raise ValueError("step: got an episode that has ended; takes one that reset begins")
+            if missing := [agent for agent in self.agents if agent not in actions]:
+                raise ValueError(f"actions: got none of {missing}; takes one of every agent in `agents`")
+            chosen = [actions.get(name, self._of.idle) for name in self.possible_agents]
+            self._state = self._of.env.step(
+                self._state, self._of.action(jax.tree.map(lambda *x: jnp.stack(x), *chosen))
+            )
+            observed, infos, reward = self._observed(), self._infos(), np.asarray(self._state.reward)
+            ended, cut = bool(self._state.terminated), bool(self._state.truncated)
+            here = self.agents
+            rewards = {name: float(reward[self.possible_agents.index(name)]) for name in here}
+            if ended or cut:
+                self.agents = []
+            return observed, rewards, dict.fromkeys(here, ended), dict.fromkeys(here, cut), infos
+
+        def render(self) -> np.ndarray:
+            return render(env, self._state)
+
+        def close(self) -> None:
+            pass
+
+        def _observed(self) -> dict[str, Any]:
+            obs = jax.tree.map(np.asarray, self._of.observations(self._state.obs))
+            rows = {name: i for i, name in enumerate(self.possible_agents)}
+            return {name: jax.tree.map(lambda x, i=rows[name]: np.array(x[i]), obs) for name in self.agents}
+
+        def _infos(self) -> dict[str, dict[str, Any]]:
+            can = np.asarray(self._state.can_act)
+            return {name: {"can_act": bool(can[self.possible_agents.index(name)])} for name in self.agents}
+
+    return World()

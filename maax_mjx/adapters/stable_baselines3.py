@@ -1,0 +1,92 @@
+"""A batch as a `VecEnv` of Stable-Baselines3."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.adapters.gymnasium import gymnasium_vector
+from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.parallel import Worlds
+
+
+def stable_baselines3(
+    worlds: Worlds, team: str | None = None, policy: Any = None, *, flat: bool = True, seed: int = 0
+) -> Any:
+    """Makes a `VecEnv` of Stable-Baselines3 whose environments are the agents of a team, or all agents.
+
+    All of them share what is learnt. On a CPU call `torch.set_num_threads(1)`: the engine `c` uses all cores.
+
+    Example:
+        worlds = maax.Worlds(maax.make("hide_and_seek_quadrant", observations="ego"), 32)
+        PPO("MlpPolicy", adapters.stable_baselines3(worlds, "seekers", "random")).learn(100_000)
+
+    Args:
+        worlds, team, policy, flat, seed: as for `gymnasium_vector`.
+
+    Raises:
+        MissingLibraryError: without Stable-Baselines3, the extra "stable-baselines3".
+        ValueError: what `gymnasium_vector` refuses, or actions of numbers and choices together.
+    """
+    try:
+        from stable_baselines3.common.vec_env import VecEnv
+    except ImportError as error:
+        raise MissingLibraryError(
+            'stable_baselines3: needs Stable-Baselines3; the extra "stable-baselines3" brings it, '
+            'pip install -e ".[stable-baselines3]"'
+        ) from error
+    envs = gymnasium_vector(worlds, team, policy, flat=flat, seed=seed)
+    if isinstance(envs.single_action_space, spaces.Dict):
+        raise ValueError(
+            f"worlds: got {worlds.env!r}, whose agents decide {sorted(envs.single_action_space.spaces)} as numbers and "
+            "choices; takes one with bins, DiscretizeActions, or with actions of one kind"
+        )
+
+    class Agents(VecEnv):
+        """Agents of maax_mjx."""
+
+        render_mode = None
+
+        def __init__(self) -> None:
+            super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+            self._actions: Any = None
+
+        def reset(self) -> Any:
+            seeds = [seed for seed in self._seeds if seed is not None]
+            self._reset_seeds()
+            return envs.reset(seed=seeds[0] if seeds else None, options={"stagger": True})[0]
+
+        def step_async(self, actions: np.ndarray) -> None:
+            self._actions = actions
+
+        def step_wait(self) -> Any:
+            obs, rewards, terminated, truncated, found = envs.step(self._actions)
+            infos: list[dict[str, Any]] = [{} for _ in rewards]
+            for i in np.flatnonzero(terminated | truncated):
+                episode = {"r": float(found["final_info"]["episode_return"][i])}
+                episode |= {"l": int(found["final_info"]["episode_length"][i]), "t": 0.0}
+                infos[i] = {
+                    "terminal_observation": found["final_obs"][i],
+                    "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
+                    "episode": episode,
+                }
+            return obs, rewards, terminated | truncated, infos
+
+        def close(self) -> None:
+            pass
+
+        def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+            return [False for _ in self._get_indices(indices)]
+
+        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+            return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+            raise ValueError("set_attr: got it for agents of one batch, which have no attributes of their own")
+
+        def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+            raise ValueError("env_method: got it for agents of one batch, which have no methods of their own")
+
+    return Agents()

@@ -1,0 +1,236 @@
+"""Environments and batches as other libraries want them, by these libraries' own checkers."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from helpers import seeds
+
+import maax_mjx as maax
+from maax_mjx import adapters
+from maax_mjx.adapters import rows
+from maax_mjx.adapters.agents import PerAgent
+
+HORIZON = 6
+SMALL = {"n_boxes": 1, "n_ramps": 0, "impl": "c", "horizon": HORIZON, "prep_fraction": 0.0}
+
+
+@pytest.fixture(scope="module")
+def env():
+    """Split observations; bins, locks and grabs; the second seeker is in play in half of the episodes."""
+    return maax.make("hide_and_seek_quadrant", observations="ego", n_seekers=(1, 2), **SMALL)
+
+
+@pytest.fixture(scope="module")
+def worlds(env):
+    return maax.Worlds(env, 4, donate=False)
+
+
+def test_one_agents_spaces(env):
+    """Bins, locks and grabs are joined in the order of their names; idle is the middle bin and no lock."""
+    one = PerAgent(env)
+    assert one.action_space == spaces.MultiDiscrete([2, 2, 11, 11, 11])
+    assert one.idle.tolist() == [0, 0, 5, 5, 5]
+    assert one.observation_space.shape == one.env.observation_space["obs"].shape[1:]
+    chosen = jnp.stack([jnp.arange(5) + 5 * i for i in range(4)])
+    action = one.action(chosen)
+    np.testing.assert_array_equal(action["grab"], chosen[:, 0])
+    np.testing.assert_array_equal(action["lock"], chosen[:, 1])
+    np.testing.assert_array_equal(action["move"], chosen[:, 2:])
+    drawn = np.stack([one.action_space.sample() for _ in range(4)])
+    taken = {name: np.asarray(x, env.action_space[name].dtype) for name, x in one.action(drawn).items()}
+    assert env.action_space.contains(taken)
+
+
+def test_one_agents_spaces_of_other_games():
+    mixed = PerAgent(maax.make("hide_and_seek", impl="c"))
+    assert mixed.action_space == spaces.Dict({"lock": spaces.MultiBinary([2]), "move": spaces.Box(-1, 1, (3,))})
+    assert {name: x.tolist() for name, x in mixed.idle.items()} == {"lock": [0, 0], "move": [0, 0, 0]}
+    only = PerAgent(maax.make("tag", impl="c"))
+    assert only.action_space == spaces.Box(-1, 1, (3,))
+    assert only.action(jnp.zeros((4, 3)))["move"].shape == (4, 3)
+    split = PerAgent(maax.make("tag", observations="ego", impl="c"), flat=False)
+    assert isinstance(split.observation_space, spaces.Dict)
+    with pytest.raises(ValueError, match="flat: got False"):
+        PerAgent(maax.make("tag", impl="c"), flat=False)
+    with pytest.raises(ValueError, match="whose agents share what is observed; takes one with SplitObservations"):
+        PerAgent(maax.make("standard", impl="c"))
+
+
+@pytest.mark.slow
+def test_pettingzoos_own_checkers(env):
+    checks = pytest.importorskip("pettingzoo.test")
+    checks.parallel_api_test(adapters.pettingzoo(env), num_cycles=3 * HORIZON)
+    checks.parallel_seed_test(lambda: adapters.pettingzoo(env), num_cycles=HORIZON + 2)
+
+
+@pytest.mark.slow
+def test_pettingzoo_has_who_is_in_play_and_what_the_environment_says(env):
+    pytest.importorskip("pettingzoo")
+    world = adapters.pettingzoo(env, seed=seeds.seed(0))
+    with pytest.raises(ValueError, match="step: got an episode that has ended"):
+        world.step({})
+    absent = []
+    for _ in range(12):
+        observed, infos = world.reset()
+        state = world._state
+        here = [name for name, plays in zip(env.agent_names, state.active, strict=True) if plays]
+        assert world.agents == here == list(observed) == list(infos)
+        assert all(world.observation_space(name).contains(observed[name]) for name in here)
+        absent += [set(env.agent_names) - set(here)]
+    assert set() in absent
+    assert {"seeker_1"} in absent
+    world.reset(seed=seeds.seed(3))
+    with pytest.raises(ValueError, match=r"actions: got none of \['hider_0'"):
+        world.step({})
+    for i in range(HORIZON):
+        before, here = world._state, world.agents
+        action = {name: world.action_space(name).sample() for name in here}
+        _, rewards, terminated, truncated, _ = world.step(action)
+        chosen = np.stack([action.get(name, world._of.idle) for name in env.agent_names])
+        after = world._of.env.step(before, world._of.action(chosen))
+        np.testing.assert_allclose([rewards[name] for name in here], np.asarray(after.reward)[: len(here)])
+        assert set(truncated.values()) == {i == HORIZON - 1}
+        assert set(terminated.values()) == {False}
+    assert world.agents == []
+
+
+@pytest.mark.slow
+def test_supersuit_takes_it(env):
+    supersuit = pytest.importorskip("supersuit")
+    whole = maax.make("hide_and_seek_quadrant", observations="ego", **SMALL)
+    envs = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.frame_stack_v1(adapters.pettingzoo(whole), 2))
+    obs, _ = envs.reset(seed=0)
+    assert np.shape(obs)[0] == 4
+
+
+@pytest.mark.slow
+def test_a_vector_env_is_the_worlds(env, worlds):
+    """With the same actions, rows are the agents of the worlds; at ends they have what was observed last."""
+    envs = adapters.gymnasium_vector(worlds)
+    assert envs.num_envs == 16
+    assert envs.observation_space.shape == (16, *envs.single_observation_space.shape)
+    obs, infos = envs.reset(seed=seeds.seed(1))
+    of = envs.rows.of
+    twin = maax.Worlds(of.env, 4)
+    states = twin.reset(jax.random.split(jax.random.key(seeds.seed(1)))[1])
+    for i in range(HORIZON + 1):
+        np.testing.assert_array_equal(obs, np.reshape(states.obs["obs"], (16, -1)))
+        np.testing.assert_array_equal(infos["active"], np.ravel(states.active))
+        action = envs.action_space.sample()
+        states = twin.step(states, of.action(jnp.asarray(action).reshape(4, 4, -1)))
+        obs, reward, terminated, truncated, infos = envs.step(action)
+        np.testing.assert_array_equal(reward, np.ravel(states.reward))
+        assert not terminated.any()
+        assert truncated.all() == (i == HORIZON - 1)
+        assert ("final_obs" in infos) == (i == HORIZON - 1)
+        if i == HORIZON - 1:
+            final = np.reshape(states.final_obs["obs"], (16, -1))
+            np.testing.assert_array_equal(np.stack(infos["final_obs"]), final)
+            np.testing.assert_array_equal(infos["final_info"]["episode_return"], np.ravel(states.episode_return))
+            assert set(infos["final_info"]["episode_length"]) == {HORIZON}
+            assert not np.array_equal(final, obs), "a new episode has begun"
+
+
+@pytest.mark.slow
+def test_gymnasiums_wrappers_take_it(worlds):
+    envs = RecordEpisodeStatistics(adapters.gymnasium_vector(worlds, "seekers", "still"))
+    envs.reset(seed=0)
+    for _ in range(HORIZON):
+        *_, infos = envs.step(envs.action_space.sample())
+    assert envs.episode_count == 8
+    assert set(infos["episode"]["l"]) == {HORIZON}
+
+
+class Counts:
+    """A player who remembers how many steps of the episode it has played, and moves the more, the more there were."""
+
+    def play(self, state, key, memory, params):
+        jax.debug.callback(lambda *x: self.seen.append(tuple(map(int, x))), state.step, memory[0])
+        bins = jnp.full((4, 3), 5, jnp.int32)
+        return {"move": bins, "lock": jnp.zeros(4, jnp.int8), "grab": jnp.zeros(4, jnp.int8)}, memory + 1
+
+    def memory(self, n):
+        return np.zeros((n, 1), np.int32)
+
+    seen, params = [], ()
+
+
+@pytest.mark.slow
+def test_others_are_played_by_a_policy_whose_memory_begins_with_the_episode(worlds, monkeypatch):
+    """Rows are the team's agents alone; what others do does not come from the rows."""
+    player = Counts()
+    monkeypatch.setattr(rows, "seated", lambda *_: player)
+    envs = adapters.gymnasium_vector(worlds, "hiders", "still")
+    assert envs.num_envs == 8
+    envs.reset(seed=seeds.seed(2))
+    seekers = np.asarray(worlds.env.teams["seekers"].slots)
+    for _ in range(HORIZON + 3):
+        envs.step(envs.action_space.sample())
+    jax.effects_barrier()
+    assert len(player.seen) == 4 * (HORIZON + 3)
+    assert all(step == played for step, played in player.seen)
+    states = envs.rows._states
+    columns = worlds.env.base.agents.qvel_ids[:, :2]
+    speed = np.linalg.norm(np.asarray(states.data.qvel)[:, columns], axis=-1)
+    assert speed[:, :2].max() > 0.5
+    assert np.median(speed[:, seekers]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"team": "seekers"}, "policy: got None with the team 'seekers'"),
+        ({"policy": "random"}, "policy: got 'random' with the team None"),
+        ({"team": "seeker", "policy": "random"}, "team: got 'seeker'; did you mean 'seekers'"),
+        ({"team": "seekers", "policy": "rando"}, "policy: got 'rando'; did you mean 'random'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(arguments, said, worlds):
+    with pytest.raises(ValueError, match=said):
+        adapters.gymnasium_vector(worlds, **arguments)
+    with pytest.raises(ValueError, match=r"takes maax\.Worlds"):
+        adapters.gymnasium_vector(worlds.env)
+
+
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [("pettingzoo", "pettingzoo"), ("torch", "torch"), ("stable_baselines3", "stable_baselines3.common.vec_env")],
+)
+def test_missing_libraries_are_named(name, module, env, worlds, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, module, None)
+    with pytest.raises(maax.MissingLibraryError, match=rf"^{name}: needs"):
+        getattr(adapters, name)(env if name == "pettingzoo" else worlds)
+
+
+@pytest.mark.slow
+def test_stable_baselines3_learns(worlds):
+    library = pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    envs = VecMonitor(adapters.stable_baselines3(worlds, "seekers", "still"))
+    learner = library.PPO("MlpPolicy", envs, n_steps=HORIZON, batch_size=16, device="cpu")
+    learner.learn(4 * 8 * HORIZON)
+    assert len(learner.ep_info_buffer) >= 8
+    assert {info["l"] for info in learner.ep_info_buffer if info["l"] > 0} <= set(range(1, HORIZON + 1))
+
+
+@pytest.mark.slow
+def test_tensors_are_the_arrays(worlds):
+    library = pytest.importorskip("torch")
+    agents, envs = adapters.torch(worlds), adapters.gymnasium_vector(worlds)
+    tensors, (obs, _) = agents.reset(seed=5), envs.reset(seed=5)
+    kept = tensors.clone()
+    for _ in range(HORIZON + 1):
+        np.testing.assert_array_equal(tensors.numpy(), obs)
+        action = envs.action_space.sample()
+        step, (obs, reward, _, truncated, _) = agents.step(library.as_tensor(action)), envs.step(action)
+        np.testing.assert_array_equal(step.reward.numpy(), reward)
+        np.testing.assert_array_equal(step.truncated.numpy(), truncated)
+        tensors = step.obs
+    again = agents.reset(seed=5)
+    assert library.equal(again, kept), "what was given before is not written over"
