@@ -1,6 +1,7 @@
 """Benchmarks: one module each, with a `COMMAND` that measures and writes JSON."""
 
 BENCHMARKS = (
+    "adapters",
     "breakdown",
     "devices",
     "engines",

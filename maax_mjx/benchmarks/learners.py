@@ -26,7 +26,7 @@ import jax
 import numpy as np
 
 import maax_mjx as maax
-from maax_mjx import training
+from maax_mjx import adapters, training
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import Count, Positive, PositiveCount
@@ -193,7 +193,7 @@ def learn_sb3(config: Config, seed: int, clock: Clock) -> None:
             if self.num_timesteps:
                 clock.note(self.num_timesteps // AGENTS, self.reward)
 
-    worlds = block("class AsVecEnv")["AsVecEnv"](maax.Worlds(gather(), config.worlds), seed)
+    worlds = adapters.stable_baselines3(maax.Worlds(gather(), config.worlds), seed=seed)
     settings = {"n_steps": 50, "batch_size": 800, "n_epochs": 4, "gamma": 0.95, "learning_rate": 1e-3}
     PPO("MlpPolicy", worlds, device="cpu", seed=seed, **settings).learn(1_000_000_000, callback=Noted())
 
@@ -203,8 +203,9 @@ def learn_jaxmarl(name: str, config: Config, seed: int, clock: Clock) -> None:
     script = script_of(name, config, clock)
     import jaxmarl
 
-    adapter = block("class AsJaxMARL")["AsJaxMARL"]
-    jaxmarl.make = lambda name, **fields: adapter(gather(), BINS.get(script.__name__))
+    bins = BINS.get(script.__name__)
+    game = gather() if bins is None else maax.DiscretizeActions(gather(), bins)
+    jaxmarl.make = lambda name, **fields: adapters.jaxmarl(game)
     settings = published(script) | SCRIPTS[name]
     settings |= {"NUM_ENVS": config.worlds, "ENV_NAME": "gather", "ENV_KWARGS": {}, "ANNEAL_LR": False}
     settings |= {"TOTAL_TIMESTEPS": 2_000_000_000, "SEED": seed}

@@ -1,0 +1,122 @@
+"""An environment as JaxMARL's `MultiAgentEnv`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.adapters.agents import PerAgent
+from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.core.env import Environment
+
+MOST = 10_000
+"""Actions that an agent may choose among."""
+
+
+def jaxmarl(env: Environment) -> Any:
+    """Makes a `jaxmarl.environments.multi_agent_env.MultiAgentEnv`.
+
+    Agents are named as in `env.agent_names`, and observe one vector each. JaxMARL's scripts know a box of numbers, or
+    one number of choices: bins, locks and grabs are numbered together, the last one changing fastest, which suits games
+    of few bins (`DiscretizeActions(env, 3)`). Agents that are not in play observe and earn zeros. JaxMARL does not tell
+    truncation from termination, and draws a new world at every step, used or not: `Worlds` is faster.
+
+    Example:
+        jaxmarl.make = lambda name, **fields: adapters.jaxmarl(maax.make(name, **fields))  # then run one of its scripts
+
+    Args:
+        env: an environment whose agents observe for themselves.
+
+    Raises:
+        MissingLibraryError: without JaxMARL, the extra "jaxmarl".
+        ValueError: agents who share their observations, who decide numbers and choices together, or who have too many
+            choices.
+    """
+    try:
+        from jaxmarl.environments import spaces as theirs
+        from jaxmarl.environments.multi_agent_env import MultiAgentEnv
+    except ImportError as error:
+        raise MissingLibraryError(
+            'jaxmarl: needs JaxMARL; the extra "jaxmarl" brings it, pip install -e ".[jaxmarl]"'
+        ) from error
+    of = PerAgent(env)
+    space = of.action_space
+    if isinstance(space, spaces.Dict):
+        raise ValueError(
+            f"env: got {env!r}, whose agents decide {sorted(space.spaces)} as numbers and choices; takes one with "
+            "bins, DiscretizeActions, or with actions of one kind"
+        )
+    choices = _choices(space)
+    if choices is not None and choices.prod() > MOST:
+        raise ValueError(
+            f"env: got {env!r}, whose agents have {choices.prod():,} choices; takes up to {MOST:,}, by fewer bins"
+        )
+
+    class Game(MultiAgentEnv):
+        """A game of maax_mjx."""
+
+        def __init__(self) -> None:
+            super().__init__(env.n_agents)
+            self.env = of.env
+            self.agents = list(env.agent_names)
+            sees = theirs.Box(-jnp.inf, jnp.inf, of.observation_space.shape)
+            if choices is None:
+                assert isinstance(space, spaces.Box)
+                does = theirs.Box(float(space.low.min()), float(space.high.max()), space.shape)
+            else:
+                does = theirs.Discrete(int(choices.prod()))
+            self.observation_spaces = dict.fromkeys(self.agents, sees)
+            self.action_spaces = dict.fromkeys(self.agents, does)
+
+        @property
+        def name(self) -> str:
+            made = env.made_from
+            return made.name if made else type(env).__name__
+
+        def reset(self, key: jax.Array) -> tuple[dict[str, jax.Array], Any]:
+            # Keys are of the old kind there.
+            key = key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
+            state = self.env.reset(key)
+            return self.get_obs(state), state
+
+        def step(
+            self, key: jax.Array, state: Any, actions: dict[str, jax.Array], reset_state: Any = None
+        ) -> tuple[dict[str, jax.Array], Any, dict[str, jax.Array], dict[str, jax.Array], dict[str, Any]]:
+            _, after, rewards, dones, infos = self.step_env(key, state, actions)
+            begun = self.reset(key)[1] if reset_state is None else reset_state
+            state = jax.tree.map(lambda new, old: jnp.where(dones["__all__"], new, old), begun, after)
+            return self.get_obs(state), state, rewards, dones, infos
+
+        def step_env(
+            self, key: jax.Array, state: Any, actions: dict[str, jax.Array]
+        ) -> tuple[dict[str, jax.Array], Any, dict[str, jax.Array], dict[str, jax.Array], dict[str, Any]]:
+            chosen = jnp.stack([jnp.asarray(actions[agent]) for agent in self.agents])
+            if choices is not None:
+                parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(map(int, choices)))
+                chosen = jnp.stack(parts, axis=-1).reshape(-1, *space.shape)  # type: ignore[misc]
+            after = self.env.step(state, of.action(chosen))
+            dones = dict.fromkeys([*self.agents, "__all__"], after.done)
+            return self.get_obs(after), after, self._split(after.reward), dones, {}
+
+        def get_obs(self, state: Any) -> dict[str, jax.Array]:
+            return self._split(of.observations(state.obs))
+
+        def _split(self, per_agent: jax.Array) -> dict[str, jax.Array]:
+            return dict(zip(self.agents, per_agent, strict=True))
+
+    return Game()
+
+
+def _choices(space: spaces.Space) -> np.ndarray | None:
+    """Returns how many choices each part of an action has; None for numbers."""
+    if isinstance(space, spaces.MultiDiscrete):
+        return np.asarray(space.nvec, np.int64).ravel()
+    if isinstance(space, spaces.Discrete):
+        return np.asarray([space.n], np.int64)
+    if isinstance(space, spaces.MultiBinary):
+        return np.full(int(np.prod(space.shape)), 2, np.int64)
+    return None
