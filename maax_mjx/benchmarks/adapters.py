@@ -1,8 +1,8 @@
 """What adapters cost: env steps per second through each of them, beside those of `Worlds`, in one run.
 
-`rollout` is one compiled program of all steps, `step` a call of `Worlds.step` for each, both with actions that are drawn
-on the device. The adapters get actions that were drawn before. `pettingzoo` has one world, and `jaxmarl` is its own loop
-of `step`, compiled as a whole.
+`rollout` is one compiled program of all steps, `step` a call of `Worlds.step` for each, both with actions that are
+drawn on the device. The adapters get actions that were drawn before. `pettingzoo` has one world, and `jaxmarl` is its
+own loop of `step`, compiled as a whole.
 """
 
 from __future__ import annotations

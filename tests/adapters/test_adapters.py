@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+from types import ModuleType
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -199,12 +204,81 @@ def test_what_does_not_fit_is_refused(arguments, said, worlds):
 
 @pytest.mark.parametrize(
     ("name", "module"),
-    [("pettingzoo", "pettingzoo"), ("torch", "torch"), ("stable_baselines3", "stable_baselines3.common.vec_env")],
+    [
+        ("pettingzoo", "pettingzoo"),
+        ("torch", "torch"),
+        ("jaxmarl", "jaxmarl.environments"),
+        ("stable_baselines3", "stable_baselines3.common.vec_env"),
+    ],
 )
 def test_missing_libraries_are_named(name, module, env, worlds, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, module, None)
+    monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(maax.MissingLibraryError, match=rf"^{name}: needs"):
-        getattr(adapters, name)(env if name == "pettingzoo" else worlds)
+        getattr(adapters, name)(env if name in ("pettingzoo", "jaxmarl") else worlds)
+
+
+class Space(NamedTuple):
+    """What JaxMARL's spaces have."""
+
+    kind: str
+    arguments: tuple
+
+
+class Theirs:
+    """What JaxMARL's MultiAgentEnv has that is asked for."""
+
+    def __init__(self, num_agents):
+        self.num_agents = num_agents
+
+    def action_space(self, agent):
+        return self.action_spaces[agent]
+
+
+@pytest.fixture
+def jaxmarl(monkeypatch):
+    """The library if it is there, else what the adapter asks of it."""
+    with contextlib.suppress(ImportError):
+        import jaxmarl
+
+        return jaxmarl
+    spaces_, base, environments = (ModuleType(f"jaxmarl.environments{x}") for x in (".spaces", ".multi_agent_env", ""))
+    spaces_.Box, spaces_.Discrete = (lambda *x, kind=kind: Space(kind, x) for kind in ("Box", "Discrete"))
+    base.MultiAgentEnv, environments.spaces, environments.multi_agent_env = Theirs, spaces_, base
+    for module in (ModuleType("jaxmarl"), environments, spaces_, base):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    return None
+
+
+@pytest.mark.slow
+def test_jaxmarls_interface(jaxmarl):
+    """Choices are numbered as NumPy ravels them; where an episode ends, the next one begins."""
+    few = {"n_boxes": 0, "n_ramps": 0, "scenario": "empty", "n_frames": 10, "horizon": 3, "impl": "c"}
+    game = adapters.jaxmarl(maax.DiscretizeActions(maax.make("tag", **few), 3))
+    assert game.agents == [f"player_{i}" for i in range(4)]
+    space = game.action_space("player_0")
+    assert (space.arguments[0] if jaxmarl is None else space.n) == 27
+    reset, step = jax.jit(game.reset), jax.jit(game.step)
+    _, state = reset(jax.random.PRNGKey(seeds.seed(0)))
+    bins = np.random.default_rng(seeds.seed(0)).integers(0, 3, (4, 3))
+    numbers = np.ravel_multi_index(bins.T, (3, 3, 3))
+    chosen = dict(zip(game.agents, jnp.asarray(numbers), strict=True))
+    wanted = jax.jit(game.env.step)(state, {"move": jnp.asarray(bins)})
+    for i in range(3):
+        obs, state, reward, done, _ = step(jax.random.PRNGKey(i), state, chosen)
+        if i == 0:
+            np.testing.assert_allclose(jnp.stack([*obs.values()]), wanted.obs["obs"], atol=1e-6)
+            np.testing.assert_allclose(jnp.stack([*reward.values()]), wanted.reward, atol=1e-6)
+        assert set(done) == {*game.agents, "__all__"}
+        assert bool(done["__all__"]) == (i == 2)
+        assert int(state.step) == (0 if i == 2 else i + 1)
+
+
+def test_actions_that_jaxmarls_scripts_do_not_know_are_refused(jaxmarl, env):
+    with pytest.raises(ValueError, match="as numbers and choices; takes one with bins"):
+        adapters.jaxmarl(maax.make("hide_and_seek", impl="c"))
+    wide = maax.make("hide_and_seek_quadrant", n_bins=21, impl="c")
+    with pytest.raises(ValueError, match=r"have 37,044 choices; takes up to 10,000"):
+        adapters.jaxmarl(wide)
 
 
 @pytest.mark.slow

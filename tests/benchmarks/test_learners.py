@@ -31,7 +31,6 @@ def test_the_page_has_the_game_and_the_learners():
     names = learners.block("class ActorCritic")
     assert {"Gather", "update", "train"} <= set(names)
     assert "params" not in names, "nothing was trained"
-    assert learners.block("class AsJaxMARL")["AsJaxMARL"]
 
 
 def test_a_script_without_its_checkout_is_refused(tmp_path):

@@ -29,8 +29,9 @@ def test_block(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(registry, "_TASKS", dict(registry._TASKS))
     monkeypatch.setattr(scenarios, "_SCENARIOS", dict(scenarios._SCENARIOS))
-    if "stable_baselines3" in BLOCKS[name]:
-        pytest.importorskip("stable_baselines3")  # with PyTorch, too large to install for one block
+    for library in ("stable_baselines3", "torch", "jaxmarl"):
+        if f"import {library}" in BLOCKS[name] or f"from {library}" in BLOCKS[name]:
+            pytest.importorskip(library)  # too large to install for one block
     run_block(name)
     printed = capsys.readouterr().out
     assert printed == PRINTED.get(name, printed)
