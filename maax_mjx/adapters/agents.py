@@ -65,7 +65,7 @@ class PerAgent:
         self.env, self.flat = env, flat
         table = env.observed
         self._shown = [FLAT] if flat else [name for name, one in table.items() if not one.critic]
-        seen = {name: _of_one(env.observation_space[name]) for name in self._shown if table[name].is_of_agents}
+        seen = {name: _seen_by_one(env.observation_space[name]) for name in self._shown if table[name].is_of_agents}
         if missing := [name for name in self._shown if name not in seen]:
             raise ValueError(f"env: got {env!r}, in which {missing} belong to no agent; takes observations of agents")
         self.observation_space: spaces.Space = seen[FLAT] if flat else spaces.Dict(seen)
@@ -74,7 +74,9 @@ class PerAgent:
 
     def observations(self, obs: Mapping[str, jax.Array]) -> Any:
         """Returns observations (..., n_agents, ...) as the spaces have them: an array, or a dict of arrays."""
-        return obs[FLAT] if self.flat else {name: obs[name] for name in self._shown}
+        if self.flat:
+            return obs[FLAT]
+        return {name: obs[name].astype(jnp.int8) if obs[name].dtype == bool else obs[name] for name in self._shown}
 
     def action(self, chosen: Any) -> dict[str, jax.Array]:
         """Returns the environment's action.
@@ -109,8 +111,17 @@ class PerAgent:
         return rows.astype(self.action_space.dtype).reshape(self.action_space.shape or ())
 
 
+def _seen_by_one(space: spaces.Space) -> spaces.Space:
+    """Returns the space of what one agent observes, from that of all; flags are numbers, 0 and 1."""
+    shape = (space.shape or ())[1:]
+    if isinstance(space, spaces.MultiBinary):
+        return spaces.Box(0, 1, shape, np.int8)
+    assert isinstance(space, spaces.Box)
+    return spaces.Box(np.reshape(space.low[0], shape), np.reshape(space.high[0], shape), shape, space.dtype.type)
+
+
 def _of_one(space: spaces.Space) -> spaces.Space:
-    """Returns the space of one agent, from that of all."""
+    """Returns the space of what one agent decides, from that of all."""
     if isinstance(space, spaces.MultiDiscrete):
         return spaces.MultiDiscrete(space.nvec[0])
     if isinstance(space, spaces.MultiBinary):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -19,7 +20,7 @@ class AgentsVectorEnv(VectorEnv):
 
     Where an episode ends the next one begins in the same step: `infos` have, at its end, "final_obs" with what was
     observed last, and "final_info" with "episode_return" and "episode_length". Everywhere they have "active", whether
-    the agent is in play.
+    the agent is in play: those who are not observe and earn zeros.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -38,8 +39,15 @@ class AgentsVectorEnv(VectorEnv):
         Args:
             seed: None goes on from the last draw.
             options: {"stagger": True} spreads the ends of the first episodes.
+
+        Raises:
+            ValueError: other options.
         """
-        now = self.rows.reset(seed, stagger=bool((options or {}).get("stagger", False)))
+        chosen = dict(options or {})
+        stagger = chosen.pop("stagger", False)
+        if chosen:
+            raise ValueError(f"options: got {sorted(chosen)}; takes 'stagger'")
+        now = self.rows.reset(seed, stagger)
         return _host(now.obs), {"active": np.array(now.active)}
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -47,8 +55,12 @@ class AgentsVectorEnv(VectorEnv):
 
         Args:
             actions: of all agents, as `action_space` has them.
+
+        Raises:
+            ValueError: actions of another shape.
         """
-        now = self.rows.step(jax.tree.map(jnp.asarray, actions))
+        given = actions if isinstance(actions, Mapping) else np.asarray(actions)
+        now = self.rows.step(jax.tree.map(jnp.asarray, given))
         terminated, truncated = np.array(now.terminated), np.array(now.truncated)
         infos: dict[str, Any] = {"active": np.array(now.active)}
         if (done := terminated | truncated).any():

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, described
 from maax_mjx.parallel import Worlds
 from maax_mjx.training import player_of
 from maax_mjx.training.evaluate import seated
@@ -41,6 +43,8 @@ class Step(NamedTuple):
 class Rows:
     """The agents of one team, or of all, as rows; world after world, in a world by slot.
 
+    Agents that are not in play in an episode are rows as well: they observe and earn zeros.
+
     Args:
         worlds: the batch; on one device or by shard_map.
         team: name of the team; None is all agents.
@@ -65,12 +69,14 @@ class Rows:
             raise ValueError(f"worlds: got {worlds!r}; takes maax.Worlds")
         if worlds.shards.method == "pmap":
             raise ValueError("worlds: got those of pmap, with two leading axes; takes one device, or shard_map")
+        if jax.process_count() > 1:
+            raise ValueError(f"worlds: got those of {jax.process_count()} processes; takes those of one")
         if (team is None) != (policy is None):
             raise ValueError(f"policy: got {policy!r} with the team {team!r}; takes both, or neither for all agents")
         self.of = PerAgent(worlds.env, flat)
         env = self.of.env
         if env is not worlds.env:
-            worlds = Worlds(env, worlds.n_worlds, worlds.shards.devices, worlds.shards.method)
+            worlds = worlds.with_env(env)
         self.worlds, self._seed = worlds, seed
         slots = range(env.n_agents) if team is None else env.teams[check_choice("team", team, env.teams)].slots
         self._slots = np.asarray(slots)
@@ -105,15 +111,26 @@ class Rows:
             chosen: actions (n_rows, ...) as `of.action_space` has them.
 
         Raises:
-            ValueError: before `reset`.
+            ValueError: before `reset`, or actions of another shape.
         """
         if self._states is None:
             raise ValueError("step: got no worlds yet; takes those that reset draws")
+        self._check(chosen)
         self._key, key = jax.random.split(self._key)
         params = () if self._other is None else self._other.params
         action, self._memory = self._decide(self._states, chosen, key, self._memory, params)
         self._states = self.worlds.step(self._states, action)
         return self._shown(self._states)
+
+    def _check(self, chosen: Any) -> None:
+        space = self.of.action_space
+        parts = space.spaces if isinstance(space, spaces.Dict) else {"": space}
+        if isinstance(space, spaces.Dict) and (not isinstance(chosen, Mapping) or set(chosen) != set(parts)):
+            raise ValueError(f"actions: got {described(chosen)}; takes a dict with {sorted(parts)}")
+        for name, part in parts.items():
+            got, takes = np.shape(chosen[name] if name else chosen), (self.n_rows, *(part.shape or ()))
+            if got != takes:
+                raise ValueError(f"actions: got shape {got}{' for ' + repr(name) if name else ''}; takes {takes}")
 
     def _all_actions(self, states: Any, chosen: Any, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
         n, mine = self.worlds.n_worlds, len(self._slots)

@@ -17,7 +17,8 @@ def stable_baselines3(
 ) -> Any:
     """Makes a `VecEnv` of Stable-Baselines3 whose environments are the agents of a team, or all agents.
 
-    All of them share what is learnt. On a CPU call `torch.set_num_threads(1)`: the engine `c` uses all cores.
+    All of them share what is learnt. Agents that are not in play in an episode observe and earn zeros; `infos` say who
+    is, as "active". On a CPU call `torch.set_num_threads(1)`: the engine `c` uses all cores.
 
     Example:
         worlds = maax.Worlds(maax.make("hide_and_seek_quadrant", observations="ego"), 32)
@@ -56,6 +57,8 @@ def stable_baselines3(
         def reset(self) -> Any:
             seeds = [seed for seed in self._seeds if seed is not None]
             self._reset_seeds()
+            if any(self._options):
+                raise ValueError(f"options: got {self._options}; takes none")
             return envs.reset(seed=seeds[0] if seeds else None, options={"stagger": True})[0]
 
         def step_async(self, actions: np.ndarray) -> None:
@@ -63,11 +66,11 @@ def stable_baselines3(
 
         def step_wait(self) -> Any:
             obs, rewards, terminated, truncated, found = envs.step(self._actions)
-            infos: list[dict[str, Any]] = [{} for _ in rewards]
+            infos: list[dict[str, Any]] = [{"active": bool(active)} for active in found["active"]]
             for i in np.flatnonzero(terminated | truncated):
                 episode = {"r": float(found["final_info"]["episode_return"][i])}
                 episode |= {"l": int(found["final_info"]["episode_length"][i]), "t": 0.0}
-                infos[i] = {
+                infos[i] |= {
                     "terminal_observation": found["final_obs"][i],
                     "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                     "episode": episode,

@@ -18,12 +18,15 @@ class TorchAgents:
     Attributes:
         observation_space, action_space: of one agent.
         n_rows: number of agents: those of a world follow each other.
+        device: where the worlds are.
     """
 
     def __init__(self, rows: Rows, library: Any):
         self._rows, self._torch = rows, library
         self.observation_space, self.action_space = rows.of.observation_space, rows.of.action_space
         self.n_rows = rows.n_rows
+        (first,) = rows.worlds.shards.devices
+        self.device = self._tensor(jax.device_put(jnp.zeros(1), first)).device
 
     def reset(self, seed: int | None = None, stagger: bool = False) -> Any:
         """Draws all worlds, and returns what is observed, (n_rows, ...).
@@ -43,6 +46,10 @@ class TorchAgents:
         return self._tensors(self._rows.step(jax.tree.map(self._array, actions)))
 
     def _array(self, tensor: Any) -> jax.Array:
+        if tensor.device != self.device:
+            raise ValueError(
+                f"actions: got a tensor on {tensor.device}; takes one on {self.device}, where the worlds are"
+            )
         # DLPack takes no tensors with gradients; JAX has no integers of 64 bits.
         tensor = tensor.detach().contiguous()
         return jnp.from_dlpack(tensor.int() if tensor.dtype == self._torch.int64 else tensor)

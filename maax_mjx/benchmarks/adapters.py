@@ -1,8 +1,8 @@
 """What adapters cost: env steps per second through each of them, beside those of `Worlds`, in one run.
 
 `rollout` is one compiled program of all steps, `step` a call of `Worlds.step` for each, both with actions that are
-drawn on the device. The adapters get actions that were drawn before. `pettingzoo` has one world, and `jaxmarl` is its
-own loop of `step`, compiled as a whole.
+drawn on the device at every step. The batches of other libraries hold one action that was drawn before. `pettingzoo`
+has one world and draws actions; `jaxmarl` is its own loop of `step`, compiled as a whole, whose agents stand still.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def stepper(case: Case, n_steps: int) -> Callable[[], Any]:
     if case.way == "torch":
         import torch
 
-        action = torch.as_tensor(action)
+        action = torch.as_tensor(action, device=agents.device)
 
     def run() -> Any:
         for _ in range(n_steps):

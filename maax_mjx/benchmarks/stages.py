@@ -61,6 +61,12 @@ class Config(Options):
     past: bool = True
     impl: Annotated[str, OneOf(("auto", "c", "jax", "warp"))] = "auto"
 
+    def check(self) -> None:
+        super().check()
+        names = [folder.name for folder in self.runs]
+        if len(set(names)) < len(names):
+            raise ValueError(f"runs: got {names}; takes folders of different names, by which rows are told apart")
+
 
 @dataclass(frozen=True)
 class Case:

@@ -35,18 +35,23 @@ def short_name(name: str) -> str:
     return name.rpartition(FILE)[2]
 
 
+def file_of(name: str) -> Path:
+    """Returns the file of a game."""
+    return Path(name.rpartition(":")[0]).resolve()
+
+
 def module_of(name: str) -> ModuleType:
     """Imports the file of a game, once in a process, as Python does with a script: its folder comes first on the path.
 
     Raises:
         ValueError: no such file, a file that cannot be imported, or one that is called like a module that is loaded.
     """
-    path = Path(name.rpartition(":")[0]).absolute()
+    path = file_of(name)
     if not path.is_file():
         raise ValueError(f"name: got {name!r}, and there is no file {path}; {TAKES}")
     loaded = sys.modules.get(path.stem)
     if loaded is not None:
-        if Path(getattr(loaded, "__file__", None) or "") != path:
+        if Path(getattr(loaded, "__file__", None) or "").resolve() != path:
             raise ValueError(f"name: got {name!r}, and another module is called {path.stem}; takes a file renamed")
         return loaded
     spec = spec_from_file_location(path.stem, path)
@@ -57,8 +62,10 @@ def module_of(name: str) -> ModuleType:
         sys.path.insert(0, str(path.parent))
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except BaseException as error:
         del sys.modules[path.stem]
+        if not isinstance(error, Exception):
+            raise
         raise ValueError(
             f"name: got {name!r}, whose file cannot be imported ({type(error).__name__}: {error}); {TAKES}"
         ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import is_dataclass
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import jax
@@ -54,22 +55,34 @@ def _task(name: str) -> Task:
 
 
 def _bring_from_file(name: str) -> None:
-    module, short = module_of(name), short_name(name)
+    before = dict(_TASKS)
+    try:
+        module = module_of(name)
+    except BaseException:
+        # So that a file that was mended registers its games anew.
+        _TASKS.clear()
+        _TASKS.update(before)
+        raise
     registered = {key: task for key, task in _TASKS.items() if not is_in_a_file(key)}
-    own = {key: task for key, task in registered.items() if task.build.__module__ == module.__name__}
+    own = {key: task for key, task in registered.items() if key not in before or _is_of(task, module)}
     found = own | {key: Task(*game) for key, game in games_in(module).items() if key not in own}
-    if short not in found:
+    if (short := short_name(name)) not in found:
         raise ValueError(f"name: got {name!r}, whose file has the games {sorted(found)}; {TAKES}")
     register(name, *found[short])
+
+
+def _is_of(task: Task, module: ModuleType) -> bool:
+    return getattr(task.build, "__module__", None) == module.__name__
 
 
 def _bring_from_package(name: str) -> None:
     point = installed()[name]
     try:
         build = point.load()
-    except (ImportError, AttributeError) as error:
+    except Exception as error:
         raise ValueError(
-            f"name: got {name!r}, whose package cannot be imported ({error}); takes one of {sorted(_TASKS)}"
+            f"name: got {name!r}, whose package cannot be imported ({type(error).__name__}: {error}); takes one of "
+            f"{sorted(_TASKS)}"
         ) from error
     # The import may have registered it.
     if name not in _TASKS:

@@ -196,7 +196,7 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
     if at and not Path(given).exists():
         return _past(argument, text, steps)
     if not file_of(Path(given)).exists():
-        check_choice(argument, str(given), [*SCRIPTED, SELF, *policies()])
+        check_choice(argument, str(given), [*SCRIPTED, *([SELF] if argument == "against" else []), *policies()])
     return Policy.load(given)
 
 

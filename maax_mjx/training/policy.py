@@ -125,9 +125,11 @@ class Policy:
         """
         header = {"magic": MAGIC, "format": FORMAT, "game": self.game, "steps": self.steps}
         header["network"] = asdict(self.network)
-        host = jax.tree.map(np.asarray, self.params.replace(critic={}) if small else self.params)
+        host = jax.tree.map(np.asarray, self.params)
         if small:
-            host = jax.tree.map(lambda x: x.astype(np.float16) if x.dtype == np.float32 else x, host)
+            # Moments stay as they are: variances are small differences of them.
+            half = jax.tree.map(lambda x: x.astype(np.float16), host.actor)
+            host = host.replace(actor=half, critic={})
         data = {"header": json.dumps(header), "weights": serialization.to_state_dict(host)}
         with whole(Path(path)) as part:
             part.write_bytes(serialization.msgpack_serialize(data))

@@ -16,7 +16,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from helpers import seeds
 
 import maax_mjx as maax
-from maax_mjx import adapters
+from maax_mjx import adapters, training
 from maax_mjx.adapters import rows
 from maax_mjx.adapters.agents import PerAgent
 
@@ -105,6 +105,26 @@ def test_pettingzoo_has_who_is_in_play_and_what_the_environment_says(env):
 
 
 @pytest.mark.slow
+def test_dicts_of_arrays_are_in_their_spaces(env, worlds):
+    """Of PettingZoo's world, which is drawn as well, and of a batch, whose options are checked."""
+    pytest.importorskip("pettingzoo")
+    world = adapters.pettingzoo(env, flat=False)
+    observed, _ = world.reset(seed=seeds.seed(0))
+    assert all(world.observation_space(name).contains(seen) for name, seen in observed.items())
+    assert "who_sees_whom" not in observed["hider_0"], "what is for critics alone"
+    assert world.render().shape == (480, 640, 3)
+    envs = adapters.gymnasium_vector(worlds, flat=False)
+    obs, _ = envs.reset(seed=seeds.seed(0), options={"stagger": True})
+    assert envs.observation_space.contains(obs)
+    with pytest.raises(ValueError, match=r"options: got \['reset_mask'\]; takes 'stagger'"):
+        envs.reset(options={"reset_mask": np.ones(16, bool)})
+    with pytest.raises(ValueError, match=r"actions: got shape \(16, 4\); takes \(16, 5\)"):
+        envs.step(np.zeros((16, 4), int))
+    # A list of rows, as Gymnasium's own batches take them.
+    assert envs.step(list(envs.action_space.sample()))[1].shape == (16,)
+
+
+@pytest.mark.slow
 def test_supersuit_takes_it(env):
     supersuit = pytest.importorskip("supersuit")
     whole = maax.make("hide_and_seek_quadrant", observations="ego", **SMALL)
@@ -186,9 +206,25 @@ def test_others_are_played_by_a_policy_whose_memory_begins_with_the_episode(worl
     assert np.median(speed[:, seekers]) < 0.05
 
 
+@pytest.mark.slow
+def test_a_trained_policy_plays_the_others(tmp_path):
+    """It reads the arrays beside the vectors; one of another game is refused. Faults are kept as worlds keep them."""
+    policy = training.Policy.load("quadrant/chase")
+    worlds = maax.Worlds(policy.make_env(impl="c", n_boxes=1), 2, keep_faults=tmp_path)
+    envs = adapters.gymnasium_vector(worlds, "hiders", policy)
+    obs, _ = envs.reset(seed=0)
+    assert envs.rows.worlds.faults() == []
+    moved, _, _, _, infos = envs.step(envs.action_space.sample())
+    assert moved.shape == obs.shape == (4, *envs.single_observation_space.shape)
+    assert infos["active"].all()
+    with pytest.raises(ValueError, match="takes an environment with the same columns"):
+        adapters.gymnasium_vector(maax.Worlds(maax.make("tag", observations="ego", impl="c"), 2), "players", policy)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ({"team": "seekers", "policy": "self"}, "policy: got 'self'"),
         ({"team": "seekers"}, "policy: got None with the team 'seekers'"),
         ({"policy": "random"}, "policy: got 'random' with the team None"),
         ({"team": "seeker", "policy": "random"}, "team: got 'seeker'; did you mean 'seekers'"),
@@ -200,6 +236,11 @@ def test_what_does_not_fit_is_refused(arguments, said, worlds):
         adapters.gymnasium_vector(worlds, **arguments)
     with pytest.raises(ValueError, match=r"takes maax\.Worlds"):
         adapters.gymnasium_vector(worlds.env)
+
+
+def test_worlds_of_pmap_are_refused(env):
+    with pytest.raises(ValueError, match="worlds: got those of pmap"):
+        adapters.gymnasium_vector(maax.Worlds(env, 2, devices=1, method="pmap"))
 
 
 @pytest.mark.parametrize(
@@ -290,6 +331,15 @@ def test_stable_baselines3_learns(worlds):
     learner = library.PPO("MlpPolicy", envs, n_steps=HORIZON, batch_size=16, device="cpu")
     learner.learn(4 * 8 * HORIZON)
     assert len(learner.ep_info_buffer) >= 8
+    envs.seed(4)
+    first = envs.reset()
+    envs.seed(4)
+    np.testing.assert_array_equal(envs.reset(), first)
+    assert not np.array_equal(envs.reset(), first)
+    for _ in range(HORIZON):
+        *_, done, infos = envs.step(np.stack([envs.action_space.sample() for _ in range(8)]))
+        assert all(("terminal_observation" in info) == ended for info, ended in zip(infos, done, strict=True))
+        assert all(info["TimeLimit.truncated"] for info, ended in zip(infos, done, strict=True) if ended)
     assert {info["l"] for info in learner.ep_info_buffer if info["l"] > 0} <= set(range(1, HORIZON + 1))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from flax import serialization
 
 from maax_mjx import training
 from maax_mjx.training.shipped import FOLDER, file_of
@@ -34,6 +35,16 @@ def test_small_files_are_near_the_policy(tmp_path):
     assert (tmp_path / "small").stat().st_size < 0.51 * (tmp_path / "large").stat().st_size
     again = training.Policy.load(tmp_path / "small")
     jax.tree.map(np.testing.assert_array_equal, again.params, policy.params)
+
+
+def test_moments_keep_their_digits_in_small_files(tmp_path):
+    """A variance is a small difference of two of them."""
+    policy = training.Policy.load("quadrant/forts")
+    moments = {"mean": np.float32([1.0, 1000.1]), "square": np.float32([1.0, 1000200.1])}
+    training.Policy(policy.network, policy.params.replace(norm=moments)).save(tmp_path / "small", small=True)
+    written = serialization.msgpack_restore((tmp_path / "small").read_bytes())["weights"]
+    jax.tree.map(np.testing.assert_array_equal, written["norm"], moments)
+    assert {x.dtype for x in jax.tree.leaves(written["actor"])} == {np.dtype(np.float16)}
 
 
 def test_what_is_there_comes_before_a_name(tmp_path, monkeypatch):
