@@ -53,13 +53,14 @@ class PerAgent:
 
     def __init__(self, env: Environment, flat: bool = True):
         check_environment(env)
+        check_bool("flat", flat)
         if find(env, FlattenObservations) is None:
             if find(env, SplitObservations) is None:
                 raise ValueError(
                     f"env: got {env!r}, whose agents share what is observed; takes one with SplitObservations or "
                     'EgocentricObservations, such as a game with observations="ego"'
                 )
-            env = WithVectors(env) if check_bool("flat", flat) else MaskObservations(env)
+            env = WithVectors(env) if flat else MaskObservations(env)
         elif not flat:
             raise ValueError(f"flat: got False for {env!r}, whose observations are vectors; takes one that is split")
         self.env, self.flat = env, flat
@@ -77,6 +78,19 @@ class PerAgent:
         if self.flat:
             return obs[FLAT]
         return {name: obs[name].astype(jnp.int8) if obs[name].dtype == bool else obs[name] for name in self._shown}
+
+    def one_kind(self, argument: str) -> spaces.Space:
+        """Returns the action space, for libraries that know no dicts of actions.
+
+        Raises:
+            ValueError: a dict, of numbers and choices.
+        """
+        if isinstance(self.action_space, spaces.Dict):
+            raise ValueError(
+                f"{argument}: got {self.env!r}, whose agents decide {sorted(self._parts)} as numbers and choices; "
+                "takes one with bins, DiscretizeActions, or with actions of one kind"
+            )
+        return self.action_space
 
     def action(self, chosen: Any) -> dict[str, jax.Array]:
         """Returns the environment's action.
@@ -127,8 +141,7 @@ def _of_one(space: spaces.Space) -> spaces.Space:
     if isinstance(space, spaces.MultiBinary):
         shape = tuple(np.atleast_1d(space.n))[1:]
         return spaces.MultiBinary([int(n) for n in shape]) if shape else spaces.Discrete(2)
-    assert isinstance(space, spaces.Box)
-    return spaces.Box(space.low[0], space.high[0], dtype=space.dtype.type)
+    return _seen_by_one(space)
 
 
 def _width(part: spaces.Space) -> int:
@@ -141,10 +154,14 @@ def _joined(parts: Mapping[str, spaces.Space]) -> spaces.Space:
         return next(iter(parts.values()))
     choices: list[int] = []
     for part in parts.values():
-        if isinstance(part, spaces.Box):
+        if (of_part := choices_of(part)) is None:
             return spaces.Dict(dict(parts))
-        if isinstance(part, spaces.MultiDiscrete):
-            choices += [int(n) for n in part.nvec.ravel()]
-        else:
-            choices += [2] * _width(part)
+        choices += of_part
     return spaces.MultiDiscrete(choices)
+
+
+def choices_of(space: spaces.Space) -> list[int] | None:
+    """Returns how many choices there are for each number of what one agent decides; None for a box."""
+    if isinstance(space, spaces.Box):
+        return None
+    return [int(n) for n in space.nvec.ravel()] if isinstance(space, spaces.MultiDiscrete) else [2] * _width(space)

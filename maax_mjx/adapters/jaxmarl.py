@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.adapters.agents import PerAgent, choices_of
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
 
 MOST = 10_000
@@ -40,20 +40,13 @@ def jaxmarl(env: Environment) -> Any:
         from jaxmarl.environments import spaces as theirs
         from jaxmarl.environments.multi_agent_env import MultiAgentEnv
     except ImportError as error:
-        raise MissingLibraryError(
-            'jaxmarl: needs JaxMARL; the extra "jaxmarl" brings it, pip install -e ".[jaxmarl]"'
-        ) from error
+        raise MissingLibraryError(f"jaxmarl: needs JaxMARL; {brought_by('jaxmarl')}") from error
     of = PerAgent(env)
-    space = of.action_space
-    if isinstance(space, spaces.Dict):
+    space = of.one_kind("env")
+    choices = choices_of(space)
+    if choices is not None and prod(choices) > MOST:
         raise ValueError(
-            f"env: got {env!r}, whose agents decide {sorted(space.spaces)} as numbers and choices; takes one with "
-            "bins, DiscretizeActions, or with actions of one kind"
-        )
-    choices = _choices(space)
-    if choices is not None and choices.prod() > MOST:
-        raise ValueError(
-            f"env: got {env!r}, whose agents have {choices.prod():,} choices; takes up to {MOST:,}, by fewer bins"
+            f"env: got {env!r}, whose agents have {prod(choices):,} choices; takes up to {MOST:,}, by fewer bins"
         )
 
     class Game(MultiAgentEnv):
@@ -68,7 +61,7 @@ def jaxmarl(env: Environment) -> Any:
                 assert isinstance(space, spaces.Box)
                 does = theirs.Box(float(space.low.min()), float(space.high.max()), space.shape)
             else:
-                does = theirs.Discrete(int(choices.prod()))
+                does = theirs.Discrete(prod(choices))
             self.observation_spaces = dict.fromkeys(self.agents, sees)
             self.action_spaces = dict.fromkeys(self.agents, does)
 
@@ -96,7 +89,7 @@ def jaxmarl(env: Environment) -> Any:
         ) -> tuple[dict[str, jax.Array], Any, dict[str, jax.Array], dict[str, jax.Array], dict[str, Any]]:
             chosen = jnp.stack([jnp.asarray(actions[agent]) for agent in self.agents])
             if choices is not None:
-                parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(map(int, choices)))
+                parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(choices))
                 chosen = jnp.stack(parts, axis=-1).reshape(-1, *space.shape)  # type: ignore[misc]
             after = self.env.step(state, of.action(chosen))
             dones = dict.fromkeys([*self.agents, "__all__"], after.done)
@@ -109,14 +102,3 @@ def jaxmarl(env: Environment) -> Any:
             return dict(zip(self.agents, per_agent, strict=True))
 
     return Game()
-
-
-def _choices(space: spaces.Space) -> np.ndarray | None:
-    """Returns how many choices each part of an action has; None for numbers."""
-    if isinstance(space, spaces.MultiDiscrete):
-        return np.asarray(space.nvec, np.int64).ravel()
-    if isinstance(space, spaces.Discrete):
-        return np.asarray([space.n], np.int64)
-    if isinstance(space, spaces.MultiBinary):
-        return np.full(int(np.prod(space.shape)), 2, np.int64)
-    return None

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import render
 
@@ -39,9 +39,7 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
     try:
         from pettingzoo import ParallelEnv
     except ImportError as error:
-        raise MissingLibraryError(
-            'pettingzoo: needs PettingZoo; the extra "pettingzoo" brings it, pip install -e ".[pettingzoo]"'
-        ) from error
+        raise MissingLibraryError(f"pettingzoo: needs PettingZoo; {brought_by('pettingzoo')}") from error
 
     class World(ParallelEnv):
         """A world of maax_mjx."""
@@ -52,22 +50,19 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
             self.metadata = {"name": made.name if made else type(env).__name__, "render_modes": ["rgb_array"]}
             self.render_mode = "rgb_array"
             self.possible_agents = list(env.agent_names)
+            self._slots = {name: i for i, name in enumerate(self.possible_agents)}
+            # Every agent has spaces of its own, since drawing from one goes on from draw to draw.
+            self.observation_spaces = {name: deepcopy(self._of.observation_space) for name in self.possible_agents}
+            self.action_spaces = {name: deepcopy(self._of.action_space) for name in self.possible_agents}
             self.agents: list[str] = []
             self._key = jax.random.key(seed)
             self._state: Any = None
 
         def observation_space(self, agent: str) -> Any:
-            return self._spaces("observation", agent)
+            return self.observation_spaces[agent]
 
         def action_space(self, agent: str) -> Any:
-            return self._spaces("action", agent)
-
-        def _spaces(self, kind: str, agent: str) -> Any:
-            """Every agent has a space of its own, since drawing from one goes on from draw to draw."""
-            kept = self.__dict__.setdefault("_kept_spaces", {})
-            if (kind, agent) not in kept:
-                kept[kind, agent] = deepcopy(getattr(self._of, f"{kind}_space"))
-            return kept[kind, agent]
+            return self.action_spaces[agent]
 
         def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
             if seed is not None:
@@ -90,7 +85,7 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
             observed, infos, reward = self._observed(), self._infos(), np.asarray(self._state.reward)
             ended, cut = bool(self._state.terminated), bool(self._state.truncated)
             here = self.agents
-            rewards = {name: float(reward[self.possible_agents.index(name)]) for name in here}
+            rewards = {name: float(reward[self._slots[name]]) for name in here}
             if ended or cut:
                 self.agents = []
             return observed, rewards, dict.fromkeys(here, ended), dict.fromkeys(here, cut), infos
@@ -103,11 +98,10 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
 
         def _observed(self) -> dict[str, Any]:
             obs = jax.tree.map(np.asarray, self._of.observations(self._state.obs))
-            rows = {name: i for i, name in enumerate(self.possible_agents)}
-            return {name: jax.tree.map(lambda x, i=rows[name]: np.array(x[i]), obs) for name in self.agents}
+            return {name: jax.tree.map(lambda x, i=self._slots[name]: np.array(x[i]), obs) for name in self.agents}
 
         def _infos(self) -> dict[str, dict[str, Any]]:
             can = np.asarray(self._state.can_act)
-            return {name: {"can_act": bool(can[self.possible_agents.index(name)])} for name in self.agents}
+            return {name: {"can_act": bool(can[self._slots[name]])} for name in self.agents}
 
     return World()

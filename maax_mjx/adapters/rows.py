@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -11,8 +10,10 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_choice, described
+from maax_mjx.common.checks import check_choice
+from maax_mjx.common.spaces import check_shapes
 from maax_mjx.parallel import Worlds
+from maax_mjx.parallel.policy import forgotten
 from maax_mjx.training import player_of
 from maax_mjx.training.evaluate import seated
 
@@ -77,15 +78,15 @@ class Rows:
         env = self.of.env
         if env is not worlds.env:
             worlds = worlds.with_env(env)
-        self.worlds, self._seed = worlds, seed
+        self.worlds = worlds
         slots = range(env.n_agents) if team is None else env.teams[check_choice("team", team, env.teams)].slots
         self._slots = np.asarray(slots)
         self.n_rows = worlds.n_worlds * len(self._slots)
-        # A policy plays the game as it was made: it reads other observations than the rows.
+        # A trained policy reads the game's arrays, beside which the rows' vectors stand.
         self._other = None if policy is None else seated(player_of("policy", policy), env)
         self._key = jax.random.key(seed)
         self._states: Any = None
-        self._memory: Any = () if self._other is None else self._other.memory(worlds.n_worlds)
+        self._memory: Any = ()
         self._decide = jax.jit(self._all_actions)
         self._shown = jax.jit(self._rows)
 
@@ -123,27 +124,20 @@ class Rows:
         return self._shown(self._states)
 
     def _check(self, chosen: Any) -> None:
-        space = self.of.action_space
-        parts = space.spaces if isinstance(space, spaces.Dict) else {"": space}
-        if isinstance(space, spaces.Dict) and (not isinstance(chosen, Mapping) or set(chosen) != set(parts)):
-            raise ValueError(f"actions: got {described(chosen)}; takes a dict with {sorted(parts)}")
-        for name, part in parts.items():
-            got, takes = np.shape(chosen[name] if name else chosen), (self.n_rows, *(part.shape or ()))
-            if got != takes:
-                raise ValueError(f"actions: got shape {got}{' for ' + repr(name) if name else ''}; takes {takes}")
+        """Refuses other shapes; `Worlds.step` checks the numbers."""
+        space, lead = self.of.action_space, (self.n_rows,)
+        if isinstance(space, spaces.Dict):
+            check_shapes(space, chosen, lead, "actions")
+        elif np.shape(chosen) != (takes := (*lead, *(space.shape or ()))):
+            raise ValueError(f"actions: got shape {np.shape(chosen)}; takes {takes}")
 
     def _all_actions(self, states: Any, chosen: Any, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
         n, mine = self.worlds.n_worlds, len(self._slots)
         ours = self.of.action(jax.tree.map(lambda x: x.reshape(n, mine, *x.shape[1:]), chosen))
         if self._other is None:
             return ours, memory
-        begins = states.done
-
-        def zeroed(x: jax.Array) -> jax.Array:
-            return jnp.where(begins.reshape(-1, *[1] * (x.ndim - 1)), jnp.zeros_like(x), x)
-
-        keys = jax.random.split(key, n)
-        theirs, memory = jax.vmap(self._other.play, (0, 0, 0, None))(states, keys, jax.tree.map(zeroed, memory), params)
+        keys, memory = jax.random.split(key, n), forgotten(memory, states.done)
+        theirs, memory = jax.vmap(self._other.play, (0, 0, 0, None))(states, keys, memory, params)
         joined = {name: jnp.asarray(x).at[:, self._slots].set(ours[name].astype(x.dtype)) for name, x in theirs.items()}
         return joined, memory
 

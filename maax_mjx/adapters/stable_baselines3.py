@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from maax_mjx.adapters.gymnasium import gymnasium_vector
-from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.parallel import Worlds
 
 
@@ -35,15 +34,10 @@ def stable_baselines3(
         from stable_baselines3.common.vec_env import VecEnv
     except ImportError as error:
         raise MissingLibraryError(
-            'stable_baselines3: needs Stable-Baselines3; the extra "stable-baselines3" brings it, '
-            'pip install -e ".[stable-baselines3]"'
+            f"stable_baselines3: needs Stable-Baselines3; {brought_by('stable-baselines3')}"
         ) from error
     envs = gymnasium_vector(worlds, team, policy, flat=flat, seed=seed)
-    if isinstance(envs.single_action_space, spaces.Dict):
-        raise ValueError(
-            f"worlds: got {worlds.env!r}, whose agents decide {sorted(envs.single_action_space.spaces)} as numbers and "
-            "choices; takes one with bins, DiscretizeActions, or with actions of one kind"
-        )
+    envs.rows.of.one_kind("worlds")
 
     class Agents(VecEnv):
         """Agents of maax_mjx."""

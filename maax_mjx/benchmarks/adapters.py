@@ -16,10 +16,11 @@ from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
+from gymnasium.vector.utils import batch_space
 
 import maax_mjx as maax
 from maax_mjx import adapters
+from maax_mjx.adapters.agents import PerAgent
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import OneOf, PositiveCount
@@ -86,11 +87,7 @@ def stepper(case: Case, n_steps: int) -> Callable[[], Any]:
         return _worlds(worlds, case.way, n_steps)
     agents = getattr(adapters, case.way)(worlds)
     agents.reset()
-    draw: Any = agents.action_space.sample
-    if case.way == "gymnasium_vector":
-        action = draw()
-    else:
-        action = np.stack([draw() for _ in range(agents.n_rows if case.way == "torch" else agents.num_envs)])
+    action = batch_space(PerAgent(env).action_space, case.worlds * env.n_agents).sample()
     if case.way == "torch":
         import torch
 

@@ -1,8 +1,8 @@
 """Trainers side by side: what they reach in one small game in the same time on the same machine.
 
 The game is that of docs/training.md: in a room, an agent's reward is minus its mean distance to the others. `maax` is
-`training.train` with the preset "laptop". `flax`, `sb3` (Stable-Baselines3) and JaxMARL's scripts are driven by the
-code of that page, so that this needs a checkout; `sb3` needs that package, and JaxMARL's scripts a checkout of it.
+`training.train` with the preset "laptop". The game and `flax` are the code of that page, so that this needs a checkout;
+`sb3` (Stable-Baselines3) and JaxMARL's scripts learn through adapters, and need that package and a checkout of JaxMARL.
 Every one has its own observations and settings, those that the page or the script gives. The clock begins after the
 first update, so that compilation does not count.
 """

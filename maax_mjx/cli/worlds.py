@@ -79,7 +79,7 @@ def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
     check_fields(args)
     if args.env is not None:
         for option in fields(args):
-            if option.name not in OF_GAMES and getattr(args, option.name) != getattr(Sheet(), option.name):
+            if option.name not in OF_GAMES and getattr(args, option.name) != option.default:
                 raise ValueError(f"{option.name}: got it with {args.env}; takes it without a game")
     for name in ("scenario", "placement"):
         if not getattr(args, name):

@@ -56,6 +56,25 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), ar
     Raises:
         ValueError: a wrong action; the message names its part.
     """
+    check_shapes(space, action, lead, argument)
+    for name, sub in space.spaces.items():
+        whole = isinstance(sub, spaces.MultiDiscrete)
+        dtype = jnp.result_type(action[name])
+        if whole and not jnp.issubdtype(dtype, jnp.integer):
+            raise ValueError(f"{argument}: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
+        for part in [] if is_traced(action[name]) else _on_host(action[name]):
+            if np.isnan(part).any():
+                raise ValueError(f"{argument}: {name!r} holds NaN; takes {_takes(sub)}")
+            if not isinstance(sub, spaces.Box) and ((part < 0) | (part > _most(sub))).any():
+                raise ValueError(f"{argument}: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
+
+
+def check_shapes(space: spaces.Dict, action: Any, lead: tuple[int, ...], argument: str) -> None:
+    """Refuses an action whose names or shapes differ from the space's; the arguments are those of `check_action`.
+
+    Raises:
+        ValueError: a wrong action; the message names its part.
+    """
     if not isinstance(action, Mapping):
         got = "an array" if isinstance(action, jax.Array) else type(action).__name__
         raise ValueError(f"{argument}: got {got}; takes a dict with {sorted(space.spaces)}")
@@ -67,15 +86,6 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), ar
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"{argument}: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
-        whole = isinstance(sub, spaces.MultiDiscrete)
-        dtype = jnp.result_type(action[name])
-        if whole and not jnp.issubdtype(dtype, jnp.integer):
-            raise ValueError(f"{argument}: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
-        for part in [] if is_traced(action[name]) else _on_host(action[name]):
-            if np.isnan(part).any():
-                raise ValueError(f"{argument}: {name!r} holds NaN; takes {_takes(sub)}")
-            if not isinstance(sub, spaces.Box) and ((part < 0) | (part > _most(sub))).any():
-                raise ValueError(f"{argument}: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
 
 
 def _most(space: spaces.Space) -> int:

@@ -250,8 +250,8 @@ class Worlds:
     def with_env(self, env: Environment) -> Worlds:
         """Returns as many worlds of another environment, on the same devices and with the same settings."""
         folder = None if self._keeper is None else self._keeper.folder
-        options = {"donate": bool(self._donate), "keep_faults": folder}
-        return Worlds(env, self.n_worlds, self.shards.devices, self.shards.method, **options)  # type: ignore[arg-type]
+        method, donate = self.shards.method, bool(self._donate)
+        return Worlds(env, self.n_worlds, self.shards.devices, method, donate=donate, keep_faults=folder)
 
     def faults(self) -> list[Path]:
         """Returns the files of `keep_faults` that are there, once all of them are written.

@@ -9,7 +9,7 @@ import jax
 import mujoco
 
 from maax_mjx.common.checks import check_choice, check_new_name, described
-from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.common.runtime import import_mjx
 from maax_mjx.physics.engine import Engine
 from maax_mjx.physics.fields import Overlay
@@ -58,10 +58,7 @@ def check_impl(impl: str) -> str:
     """
     check_choice("impl", impl, impls())
     if impl == "warp" and not warp_is_installed():
-        raise MissingLibraryError(
-            'impl: got \'warp\' and warp-lang is not installed; the extra "cuda" brings it, pip install -e ".[cuda]" '
-            "in a clone of maax_mjx"
-        )
+        raise MissingLibraryError(f"impl: got 'warp' and warp-lang is not installed; {brought_by('cuda')}")
     return impl
 
 

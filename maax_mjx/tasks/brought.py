@@ -35,18 +35,13 @@ def short_name(name: str) -> str:
     return name.rpartition(FILE)[2]
 
 
-def file_of(name: str) -> Path:
-    """Returns the file of a game."""
-    return Path(name.rpartition(":")[0]).resolve()
-
-
 def module_of(name: str) -> ModuleType:
     """Imports the file of a game, once in a process, as Python does with a script: its folder comes first on the path.
 
     Raises:
         ValueError: no such file, a file that cannot be imported, or one that is called like a module that is loaded.
     """
-    path = file_of(name)
+    path = Path(name.rpartition(":")[0]).resolve()
     if not path.is_file():
         raise ValueError(f"name: got {name!r}, and there is no file {path}; {TAKES}")
     loaded = sys.modules.get(path.stem)

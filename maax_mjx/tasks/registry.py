@@ -46,11 +46,13 @@ def check_game(argument: str, name: Any) -> str:
 
 def _task(name: str) -> Task:
     """Returns a game's builder and config class; files and packages are imported when they are asked for first."""
-    if check_game("name", name) not in _TASKS:
-        if is_in_a_file(name):
-            _bring_from_file(name)
-        else:
-            _bring_from_package(name)
+    # First: what other packages bring is looked for in the metadata of everything that is installed.
+    if isinstance(name, str) and name in _TASKS:
+        return _TASKS[name]
+    if is_in_a_file(check_game("name", name)):
+        _bring_from_file(name)
+    else:
+        _bring_from_package(name)
     return _TASKS[name]
 
 

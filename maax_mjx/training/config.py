@@ -123,8 +123,8 @@ class TrainConfig(Config):
 
 EGO = {"observations": "ego", "observe": "all", "boxsize_obs": True}
 PRESETS: dict[str, TrainConfig] = {
-    # However many samples an iteration has, clipping lets the policy move only so far in it. So short iterations: on
-    # the quadrant they learnt from half of the samples that 20 steps took (docs/emergence.md).
+    # However many samples an iteration has, clipping seems to let the policy move only so far in it: so they are short.
+    # On the quadrant these settings together learnt from about half of the samples of those before (docs/emergence.md).
     "gpu": TrainConfig(
         worlds=65_536,
         ppo=PPOConfig(unroll=8, chunk=8, minibatches=16, lr=5e-4, gamma=0.98, entropy=0.003),

@@ -146,7 +146,6 @@ class Policy:
         """
         path = file_of(Path(path))
         path = path / "policy" if path.is_dir() else path
-        takes = f"takes a file that Policy.save wrote, the folder of a run, or one of {list(policies())}"
         try:
             data = serialization.msgpack_restore(path.read_bytes())
             header = json.loads(data["header"])
@@ -155,15 +154,19 @@ class Policy:
             network = _network_of(header["network"])
             weights = _restored(network, data["weights"])
         except FileNotFoundError:
-            raise ValueError(f"path: got {path}, which is not there; {takes}") from None
+            raise ValueError(f"path: got {path}, which is not there; {_takes()}") from None
         # Damaged bytes make msgpack and JSON raise errors of many kinds.
         except Exception as error:
             raise ValueError(
-                f"path: got {path}, which is no policy, or damaged ({short(str(error))}); {takes}"
+                f"path: got {path}, which is no policy, or damaged ({short(str(error))}); {_takes()}"
             ) from None
         if header["format"] != FORMAT:
             raise ValueError(f"path: got {path} of format {header['format']}; takes format {FORMAT}")
         return cls(network, weights, header["game"], header["steps"])
+
+
+def _takes() -> str:
+    return f"takes a file that Policy.save wrote, the folder of a run, or one of {list(policies())}"
 
 
 def check_fits(mine: Network, other: Network) -> None:

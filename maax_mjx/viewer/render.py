@@ -12,9 +12,9 @@ import numpy as np
 from PIL import Image
 
 from maax_mjx.common.checks import check_choice, check_count, check_path, check_positive
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.common.progress import progress
 from maax_mjx.core.env import Environment
-from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.camera import place_camera
 from maax_mjx.viewer.film import Film, Picked, film, one_time
@@ -197,8 +197,7 @@ def _write_mp4(path: Path, pictures: Iterator[np.ndarray], rate: float, size: Si
         import av
     except ImportError as error:
         raise MissingLibraryError(
-            f"path: got {str(path)!r} and PyAV is not installed ({error}); "
-            'the extra "viewer" brings it, pip install -e ".[viewer]" in a clone of maax_mjx; a .gif needs none'
+            f"path: got {str(path)!r} and PyAV is not installed ({error}); {brought_by('viewer')}; a .gif needs none"
         ) from error
     with av.open(str(path), "w") as file:
         stream = file.add_stream("libx264", rate=Fraction(rate).limit_denominator(10_000))

@@ -13,8 +13,8 @@ import numpy as np
 
 from maax_mjx.common.checks import check_bool, check_count, check_path, check_positive
 from maax_mjx.common.colours import Colour
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
-from maax_mjx.physics import MissingLibraryError
 from maax_mjx.viewer.between import smooth
 from maax_mjx.viewer.camera import FOVY, Camera, place_camera
 from maax_mjx.viewer.film import Picked, film, paced
@@ -142,8 +142,7 @@ def _server() -> Iterator[Any]:
         import viser
     except ImportError as error:
         raise MissingLibraryError(
-            f'replay: needs viser, which is not installed ({error}); the extra "viewer" brings it, pip install -e '
-            '".[viewer]" in a clone of maax_mjx'
+            f"replay: needs viser, which is not installed ({error}); {brought_by('viewer')}"
         ) from error
     console = rich.get_console()
     before, console.quiet = console.quiet, True
