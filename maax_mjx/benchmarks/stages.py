@@ -21,7 +21,7 @@ from maax_mjx.training.folder import Folder
 from maax_mjx.training.stages import stage_reached
 from maax_mjx.wrappers.teams import SEEKERS
 
-NOTHING, RANDOM = "", "random"
+NOTHING, RANDOM = "nothing", "random"
 NUMBERS = (
     "seen",
     "enclosed_prep",
@@ -44,7 +44,7 @@ class Config(Options):
 
     Attributes:
         runs: folders of runs.
-        without: what is taken away, one thing at a time; "" is nothing.
+        without: what is taken away, one thing at a time, or "nothing".
         against: who plays the hiders: the policy itself, or random actions.
         episodes: of each match.
         past: whether past policies of the runs are played, or the newest alone.
@@ -75,7 +75,7 @@ class Case:
     Attributes:
         run: name of the run's folder.
         steps: env steps of training.
-        without: what was taken away.
+        without: what was taken away, or "nothing".
         against: who plays the hiders.
     """
 
@@ -161,7 +161,7 @@ def line(row: Row) -> str:
     """A row of the table."""
     shown = (row.numbers.get(name) for name in SHOWN)
     cells = (f"{x[0]:.3f} ± {x[1]:.3f}" if x else "" for x in shown)
-    begin = f"{row.run[:12]:12} {row.steps:11,} {row.minutes:5.1f}  {row.without or 'nothing':20} {row.against:7} "
+    begin = f"{row.run[:12]:12} {row.steps:11,} {row.minutes:5.1f}  {row.without:20} {row.against:7} "
     return begin + " ".join(f"{cell:>14}" for cell in cells) + (f"  {row.stage}" if row.stage else "")
 
 

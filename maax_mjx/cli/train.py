@@ -26,7 +26,7 @@ SHOWN = 2
 """Worlds in the replay."""
 GROUPS = ("ppo", "net", "league")
 """Groups of settings, set as in --ppo.lr 3e-4."""
-SWITCHES = ("save_worlds", "tensorboard")
+KEPT = ("save_minutes", "save_worlds", "tensorboard")
 """Options that are settings of the run, which keeps them when it goes on."""
 
 
@@ -57,6 +57,8 @@ class Train:
     """A policy that a new run begins with, also of another game with the same columns."""
     devices: str = "all"
     """How many devices, or all."""
+    save_minutes: Positive | None = None
+    """Minutes between saves; by default as the preset or run."""
     save_worlds: bool | None = None
     """Whether saves have the worlds as well, so that the run goes on bit for bit; by default as the preset or run."""
     tensorboard: bool | None = None
@@ -95,7 +97,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
                 env=fields,
                 keep_faults=args.keep_faults,
                 **{name: value_of(text) for name, text in args.settings.items()},
-                **{name: getattr(args, name) for name in SWITCHES if getattr(args, name) is not None},
+                **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
             )
 
             def on_iteration(now: training.Progress) -> bool:
@@ -138,7 +140,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         preset=args.preset or about["preset"],
         worlds=args.worlds or settings["worlds"],
         settings=was | args.settings,
-        **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in SWITCHES},
+        **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT},
     )
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
 

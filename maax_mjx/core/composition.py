@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Annotated, Any, cast
 from weakref import WeakSet
@@ -18,7 +18,7 @@ from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
 from maax_mjx.core.arena_limits import ArenaLimits
 from maax_mjx.core.capacity import check_module, contact_capacity
-from maax_mjx.core.hooks import checked_observations
+from maax_mjx.core.hooks import check_names, checked_observations, declared_names
 from maax_mjx.layout import World
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.from_model import from_model
@@ -113,9 +113,9 @@ class Composition:
             raise ValueError(f"module: this {type(module).__name__} belongs to another environment; make a new one")
         floor_sizes = self.floor_range.low, self.floor_range.high
         check_module(module, list(self._modules.values()), self.n_agents, self.grid_size, floor_sizes)
-        names = _declared(module)
+        names = declared_names(module)
         for other in self._modules.values():
-            _check_names(module, names, other, _declared(other))
+            check_names(module, names, other, declared_names(other))
         module._owner = self
         self._modules[module.name] = module
         self._build = object()
@@ -300,7 +300,7 @@ class Composition:
         """
         parts = [(module, checked_observations(module, world, data)) for module in self._modules.values()]
         for (module, new), (other, old) in combinations(reversed(parts), 2):
-            _check_names(module, new, other, old)
+            check_names(module, new, other, old)
         return {name: x for _, part in parts for name, x in part.items()}
 
     @property
@@ -312,20 +312,3 @@ class Composition:
     def _limits(self) -> ArenaLimits | None:
         limited = any(module.limits_arena for module in self._modules.values())
         return ArenaLimits(self.movables, self.world_params.timestep) if limited else None
-
-
-def _check_names(module: Module, names: Collection[str], other: Module, others: Collection[str]) -> None:
-    """Refuses observations of one name by two modules."""
-    if twice := sorted(set(names) & set(others)):
-        raise ValueError(
-            f"module: {type(module).__name__} {module.name!r} observes {twice[0]!r}, as {type(other).__name__} "
-            f"{other.name!r} does; takes another name"
-        )
-
-
-def _declared(module: Module) -> Collection[str]:
-    """Returns the declared names; none of a module that needs the model for them, which the first reset checks."""
-    try:
-        return module.declared()
-    except RuntimeError:
-        return ()

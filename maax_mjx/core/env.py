@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -21,6 +19,7 @@ from maax_mjx.common.params import DomainParams
 from maax_mjx.common.recorded import Recorded, differing, short
 from maax_mjx.common.spaces import check_action, sample, space_of
 from maax_mjx.core.composition import Composition
+from maax_mjx.core.copies import copied, reduced
 from maax_mjx.core.describe import Description, describe
 from maax_mjx.core.faults import contain, find_fault
 from maax_mjx.core.generation import draw_layout
@@ -28,7 +27,7 @@ from maax_mjx.core.state import State, check_state
 from maax_mjx.core.teams import Team, agent_names, make_teams
 from maax_mjx.layout import World
 from maax_mjx.modules import Module
-from maax_mjx.modules.from_model import from_model, without_cached
+from maax_mjx.modules.from_model import from_model
 from maax_mjx.physics import Data
 from maax_mjx.worldgen import WorldParams
 
@@ -227,32 +226,13 @@ class Environment(Recorded, ABC):
 
     def __reduce__(self) -> Any:
         if self.made is not None:
-            how: tuple[Any, ...] = self.made.make, (self.made.name, self.made.config)
-        else:
-            how = _again, (type(self), *self.made_with, list(self.base.modules.values()) if self is self.base else [])
-        try:
-            pickle.dumps(how)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise ValueError(
-                f"env: got {self!r}, which cannot be pickled ({error}); takes functions and classes that have names in "
-                "modules, instead of lambdas and those defined inside of functions"
-            ) from error
-        return how
+            return reduced(self, self.made.make, self.made.name, self.made.config)
+        modules = list(self.base.modules.values()) if self is self.base else []
+        return reduced(self, _again, type(self), *self.made_with, modules)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Environment:
         """Copies the whole chain, with its own modules and a model that is not built yet."""
-        twin = object.__new__(type(self))
-        memo[id(self)] = twin
-        for name, value in without_cached(self).items():
-            try:
-                twin.__dict__[name] = copy.deepcopy(value, memo)
-            except (TypeError, copy.Error) as error:
-                mine = type(self).__name__
-                raise ValueError(
-                    f"env: {mine}.{name} is {described(value)}, which cannot be copied ({error}); keep it outside of "
-                    f"the environment, or give {mine} a __deepcopy__"
-                ) from error
-        return twin
+        return copied(self, memo)
 
 
 class Base(Composition, Environment):

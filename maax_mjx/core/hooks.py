@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from operator import attrgetter
 from typing import Any
 
@@ -59,6 +60,27 @@ def checked_observations(module: Module, world: World, data: Data) -> dict[str, 
     """
     obs: Any = module.observation_step(world, data)
     return check_arrays(obs, "observation_step", type(module).__name__)
+
+
+def check_names(module: Module, names: Collection[str], other: Module, others: Collection[str]) -> None:
+    """Refuses observations of one name by two modules.
+
+    Raises:
+        ValueError: a name that both have.
+    """
+    if twice := sorted(set(names) & set(others)):
+        raise ValueError(
+            f"module: {type(module).__name__} {module.name!r} observes {twice[0]!r}, as {type(other).__name__} "
+            f"{other.name!r} does; takes another name"
+        )
+
+
+def declared_names(module: Module) -> Collection[str]:
+    """Returns the declared names; none of a module that needs the model for them, which the first reset checks."""
+    try:
+        return module.declared()
+    except RuntimeError:
+        return ()
 
 
 def _is_field(model: mujoco.MjModel, name: str) -> bool:

@@ -63,7 +63,7 @@ def test_learning(run, folder, monkeypatch):
     assert again["seekers"] == row["seekers"]
     (trained,) = (folder / "runs").iterdir()
     (played,) = run(stages, folder / "stages_cpu.json", runs=(trained,), without=("",), episodes=4, impl="c")
-    assert (played["run"], played["steps"], played["without"]) == (trained.name, row["steps"], "")
+    assert (played["run"], played["steps"], played["without"]) == (trained.name, row["steps"], "nothing")
     assert played["stage"] == ""
     assert played["trained"] > 0
     assert 0 <= played["numbers"]["enclosed_prep"][0] <= 1

@@ -81,8 +81,34 @@ def applied(net, weights, features, memory, begun):
     return (out, value), (actor, critic)
 
 
+def rounding(net, weights, features, begun=None):
+    """What rounding does to every agent's outputs at every step, and to its memory: (T, N, A) and (N, A).
+
+    Layer normalisation of numbers that hardly differ multiplies their rounding by up to a thousand.
+    """
+    rng = seeds.rng(7)
+
+    def nudged(x):
+        return x if x.dtype == bool else x * (1 + 1e-6 * rng.choice([-1, 1], x.shape).astype(x.dtype))
+
+    plain, other = (both(net, weights, x, begun=begun) for x in (features, jax.tree.map(nudged, features)))
+    apart = jax.tree.map(lambda x, y: np.abs(x - y), plain, other)
+
+    def most(part, shape):
+        return 1e-5 + 3 * np.max([x.reshape(*shape, -1).max(-1, initial=0) for x in jax.tree.leaves(part)], axis=0)
+
+    return most(apart[0], (T, N, A)), most(apart[1], (N, A))
+
+
 def assert_close(a, b, atol=1e-5):
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=atol), a, b)
+    """Asserts that arrays are equal to a tolerance, a number or one for every row of the last axis."""
+
+    def check(x, y):
+        slack = np.asarray(atol)
+        slack = slack.reshape(slack.shape + (1,) * (x.ndim - slack.ndim))
+        np.testing.assert_array_less(np.abs(x - y), np.broadcast_to(slack, x.shape))
+
+    jax.tree.map(check, a, b)
 
 
 @pytest.mark.slow
@@ -100,8 +126,9 @@ def test_in_chunks_or_at_once_is_the_same(encoder, core, share):
         found, (actor, critic) = both(net, weights, cut, memory, begun[t : t + CHUNK])
         memory = memory.replace(actor=actor, critic=critic)
         parts.append(found)
-    assert_close(whole, jax.tree.map(lambda *x: jnp.concatenate(x), *parts))
-    assert_close(after, (memory.actor, memory.critic))
+    outputs, memories = rounding(net, weights, features, begun)
+    assert_close(whole, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), outputs)
+    assert_close(after, (memory.actor, memory.critic), memories)
 
 
 @pytest.mark.parametrize("core", ["gru", "lstm"])
@@ -155,9 +182,10 @@ def test_entities_of_a_kind_have_no_order(encoder):
     )
     (out, value), _ = both(net, weights, features)
     (other, other_value), _ = both(net, weights, mixed)
-    assert_close((out["move"], value), (other["move"], other_value))
+    slack, _ = rounding(net, weights, features)
+    assert_close((out["move"], value), (other["move"], other_value), slack)
     locks, other_locks = (x["lock"].reshape(T, N, A, 5, 2) for x in (out, other))
-    assert_close(locks[..., np.array([*order, 3, 4]), :], other_locks)
+    assert_close(locks[..., np.array([*order, 3, 4]), :], other_locks, slack)
     assert not np.allclose(locks[..., :3, :], other_locks[..., :3, :], atol=1e-3), "boxes differ"
 
 
@@ -181,9 +209,10 @@ def test_another_number_of_entities_is_read_by_the_same_parameters(encoder):
     )
     (out, value), _ = both(net, weights, features)
     (same, same_value), _ = both(wider, weights, others)
-    assert_close((out["move"], value), (same["move"], same_value))
+    slack, _ = rounding(net, weights, features)
+    assert_close((out["move"], value), (same["move"], same_value), slack)
     locks, same_locks = out["lock"].reshape(T, N, A, 5, 2), same["lock"].reshape(T, N, A, 8, 2)
-    assert_close(locks, same_locks[..., np.array([0, 1, 2, 5, 6]), :])
+    assert_close(locks, same_locks[..., np.array([0, 1, 2, 5, 6]), :], slack)
     seen = others.replace(seen=more(features.seen, True), known=more(features.known, True))
     (changed, _), _ = both(wider, weights, seen)
     assert not np.allclose(out["move"], changed["move"], atol=1e-3)
