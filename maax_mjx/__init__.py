@@ -1,5 +1,7 @@
 """maax_mjx: multi-agent reinforcement learning in procedurally generated worlds, on MuJoCo MJX."""
 
+from typing import Any
+
 from maax_mjx.common.runtime import guard_small_hosts, keep_compiled_programs
 
 guard_small_hosts()
@@ -138,6 +140,7 @@ __all__ = [
     "Lidar",
     "LidarConfig",
     "LineOfSight",
+    "Live",
     "LockConfig",
     "LockObjects",
     "MaskActions",
@@ -190,6 +193,7 @@ __all__ = [
     "marks_of",
     "middle_placement",
     "outside_quad_placement",
+    "play",
     "poisson_disc",
     "proximity_placement",
     "quad_placement",
@@ -209,3 +213,12 @@ __all__ = [
     "video",
     "world_of",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # Networks take as long to import as all the rest, and nothing else here needs them.
+    if name in ("Live", "play"):
+        from maax_mjx.viewer import live
+
+        return getattr(live, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -15,6 +15,7 @@ from maax_mjx.cli.evaluate import Evaluate, evaluate
 from maax_mjx.cli.info import Info, info, is_of_faults
 from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
 from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
+from maax_mjx.cli.play import Play, run_play
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
 from maax_mjx.cli.train import GROUPS, Train, train
@@ -43,6 +44,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": Evaluate,
     "worlds": Sheet,
     "replay": Replay,
+    "play": Play,
     "info": Info,
     "bench": Bench,
 }
@@ -88,7 +90,7 @@ def run(argv: list[str]) -> None:
     for group in GROUPS if argv[:1] == ["train"] else ():
         argv, found = split_overrides(argv, f"--{group}.")
         settings |= {f"{group}.{name}": text for name, text in found.items()}
-    named = argv[:1] in (["rollout"], ["info"], ["worlds"]) and len(argv) > 1 and not argv[1].startswith("-")
+    named = argv[:1] in (["rollout"], ["info"], ["worlds"], ["play"]) and len(argv) > 1 and not argv[1].startswith("-")
     if named and not (argv[0] == "info" and is_of_faults(argv[1])):
         check_game("env", argv[1])
     args = tyro.extras.subcommand_cli_from_dict(
@@ -100,6 +102,8 @@ def run(argv: list[str]) -> None:
         train(replace(args, settings=settings), overrides)
     elif isinstance(args, Evaluate):
         evaluate(args, overrides)
+    elif isinstance(args, Play):
+        run_play(args, overrides)
     elif isinstance(args, Info) and (args.env or not overrides):
         info(args, overrides)
     elif isinstance(args, Sheet) and (args.env or not overrides):
@@ -108,7 +112,8 @@ def run(argv: list[str]) -> None:
     elif overrides:
         field = f"--env.{next(iter(overrides))}"
         raise ValueError(
-            f"{field}: only rollout, train, evaluate, and info and worlds of an environment take fields of its config"
+            f"{field}: only rollout, train, evaluate, play, and info and worlds of an environment take fields of its "
+            "config"
         )
     elif isinstance(args, Replay):
         replay(args)

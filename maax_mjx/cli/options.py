@@ -11,9 +11,11 @@ from typing import Annotated, Any, Literal
 import maax_mjx as maax
 from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
+from maax_mjx.common.recorded import texts_of
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks import is_in_a_file
 from maax_mjx.tasks.config import inner_config
+from maax_mjx.training.policy import Policy
 
 ENV = "--env."
 MISTAKES = (ValueError, OSError, MemoryError, maax.MissingLibraryError)
@@ -120,6 +122,18 @@ def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
             values[field] = inner()
     # Whole configs first, so that their own fields can be given in any order.
     return dict(sorted(values.items(), key=lambda item: "." in item[0]))
+
+
+def as_learnt(game: str, policy: Policy) -> dict[str, str]:
+    """Returns the fields of the config of the game that a policy learnt, as texts.
+
+    Raises:
+        ValueError: a policy of another game.
+    """
+    learnt = policy.game or {"game": "an environment of one's own", "config": {}}
+    if learnt["game"] != game:
+        raise ValueError(f"policy: got one of {learnt['game']}, to play {game}; takes one of the same game")
+    return texts_of(learnt["config"])
 
 
 def report(result: Mapping[str, Any], as_json: bool, lines: str) -> None:

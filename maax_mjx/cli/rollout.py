@@ -17,11 +17,10 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, game_names, make_env, make_folder, names, report
+from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.progress import progress
-from maax_mjx.common.recorded import texts_of
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
@@ -88,24 +87,12 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
         raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
     policy = None if args.policy is None else Policy.load(args.policy)
     if policy is not None:
-        overrides = _as_learnt(args.env, policy) | dict(overrides)
+        overrides = as_learnt(args.env, policy) | dict(overrides)
     with Interrupt() as interrupt:
         result = _rollout(args, overrides, policy, interrupt)
     report(result, args.json, _summary(result))
     if interrupt.asked:
         raise KeyboardInterrupt
-
-
-def _as_learnt(env: str, policy: Policy) -> dict[str, str]:
-    """Returns the fields of the config of the game that a policy learnt, as texts.
-
-    Raises:
-        ValueError: a policy of another game.
-    """
-    game = policy.game or {"game": "an environment of one's own", "config": {}}
-    if game["game"] != env:
-        raise ValueError(f"policy: got one of {game['game']}, to play {env}; takes one of the same game")
-    return texts_of(game["config"])
 
 
 def _rollout(

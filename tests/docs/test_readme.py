@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+import webbrowser
 
 import pytest
 from helpers.pages import BLOCKS, PAGES, PRINTED
@@ -15,6 +16,7 @@ import maax_mjx.viewer.render  # noqa: F401
 from maax_mjx.cli import main
 from maax_mjx.layout import scenarios
 from maax_mjx.tasks import registry
+from maax_mjx.viewer.live import Live
 
 # The modules: the packages have functions of these names.
 rollout, render = (sys.modules[f"maax_mjx.{name}"] for name in ("cli.rollout", "viewer.render"))
@@ -66,6 +68,8 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert len(COMMANDS) > 5
     monkeypatch.setattr(rollout, "MAX_FRAMES", 25)
     monkeypatch.setattr(render, "GIF_FPS", 4)
+    monkeypatch.setattr(Live, "wait", lambda self: None)  # nobody ends it
+    monkeypatch.setattr(webbrowser, "open", lambda url: True)
     monkeypatch.chdir(tmp_path)
     for line in COMMANDS:
         code = None

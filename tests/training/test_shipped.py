@@ -18,7 +18,7 @@ BYTES = 2_000_000
 
 def test_all_are_small_and_load():
     names = training.policies()
-    assert {"quadrant/chase", "quadrant/forts"} <= set(names)
+    assert {"quadrant/chase", "quadrant/forts", "quadrant/ramps"} <= set(names)
     for name in names:
         assert (FOLDER / f"{name}.policy").stat().st_size < BYTES
         policy = training.Policy.load(name)
@@ -59,7 +59,10 @@ def test_what_is_there_comes_before_a_name(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["quadrant/fort", "quadrant", "../quadrant/forts", "quadrant/forts.policy"])
 def test_unknown_names_are_refused_with_the_known_ones(name):
-    with pytest.raises(ValueError, match=r"which is not there; takes .* one of \['quadrant/chase', 'quadrant/forts'\]"):
+    with pytest.raises(
+        ValueError,
+        match=r"which is not there; takes .* one of \['quadrant/chase', 'quadrant/forts', 'quadrant/ramps'\]",
+    ):
         training.Policy.load(name)
     with pytest.raises(ValueError, match="against: got"):
         training.player_of("against", name)

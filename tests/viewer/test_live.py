@@ -1,0 +1,187 @@
+"""Worlds to play in: keys, what they do, and a page with a person at it."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers.browser import browser, needs_browser
+
+import maax_mjx as maax
+from maax_mjx.training.opponents import SCRIPTED
+from maax_mjx.viewer import live as live_module
+from maax_mjx.viewer.keyboard import BEGIN, Keyboard
+from maax_mjx.viewer.live import Play
+from maax_mjx.viewer.steering import Steering, steered, yaw_of
+
+CODES = ("KeyW", "KeyG", "Space")
+STEER = ("KeyW", "KeyS", "KeyA", "KeyD", "KeyQ", "KeyE")
+
+
+@pytest.fixture(scope="module")
+def env():
+    return maax.make("hide_and_seek_quadrant", impl="c", n_boxes=1, n_ramps=1, n_frames=2, horizon=300)
+
+
+@pytest.fixture(scope="module")
+def game(env):
+    return Play(env, (SCRIPTED["still"], SCRIPTED["still"]), seed=0)
+
+
+class Gui:
+    """What a keyboard adds to a page, and nothing else."""
+
+    def add_text(self, label, value, hint):
+        return SimpleNamespace(on_update=lambda function: None)
+
+    def add_html(self, content):
+        self.html = content
+
+
+def test_a_keyboard_knows_what_is_held_and_what_was_pressed():
+    keyboard = Keyboard(Gui(), CODES)
+    keyboard.told(f"{BEGIN} KeyW KeyW:1")
+    keyboard.told(f"{BEGIN} KeyW Space KeyZ KeyW:1 Space:1 KeyZ:1")
+    assert keyboard.held == {"KeyW", "Space"}, "a key that nobody listens to is not held"
+    assert keyboard.pressed() == ["KeyW", "Space"]
+    # Texts in between were lost.
+    keyboard.told(f"{BEGIN} KeyW:1 Space:4")
+    assert keyboard.held == set()
+    assert keyboard.pressed() == ["Space"] * 3
+    assert keyboard.pressed() == []
+    keyboard.told(f"{BEGIN} KeyG:1", page=1)
+    assert keyboard.pressed() == ["KeyG"]
+    keyboard.told("something that a person typed")
+    assert keyboard.pressed() == []
+
+
+@pytest.mark.parametrize(
+    ("held", "yaw", "forces"),
+    [
+        ((), 1.0, (0, 0, 0)),
+        (("KeyW",), 0.0, (1, 0, 0)),
+        (("KeyW",), np.pi / 2, (0, 1, 0)),
+        (("KeyA",), 0.0, (0, 1, 0)),
+        (("KeyD", "KeyE"), 0.0, (0, -1, -1)),
+        (("KeyW", "KeyS"), 0.3, (0, 0, 0)),
+        (("KeyW", "KeyA"), 0.0, (np.sqrt(0.5), np.sqrt(0.5), 0)),
+        (("KeyW", "KeyG"), np.pi, (-1, 0, 0)),
+    ],
+)
+def test_forces_are_from_where_the_agent_looks(env, held, yaw, forces):
+    np.testing.assert_allclose(Steering(env).forces(held, yaw), forces, atol=1e-6)
+
+
+def test_a_person_plays_one_agent_and_others_the_rest(env):
+    steering = Steering(env)
+    steering.press("KeyG")
+    assert steering.on == {"grab": True, "lock": False}
+    drawn = env.sample_action(jax.random.key(0))
+    policy = steered(env, steering, lambda state, key, memory, params: (drawn, memory + 1))
+    on = {name: jnp.asarray(x) for name, x in steering.on.items()}
+    for slot in (-1, 0, 3):
+        action, memory = policy(None, None, 1, None, jnp.asarray(slot), jnp.asarray([1.0, 0.0, -1.0]), on)
+        assert memory == 2
+        assert env.action_space.contains(jax.tree.map(np.asarray, action))
+        for name, mine in {"move": [10, 5, 0], "grab": 1, "lock": 0}.items():
+            want = np.array(drawn[name])
+            if slot >= 0:
+                want[slot] = mine
+            np.testing.assert_array_equal(action[name], want)
+    steering.press("KeyG")
+    assert steering.on["grab"] is False
+
+
+@pytest.mark.slow
+def test_a_key_moves_one_agent_where_it_looks(env, game):
+    def places():
+        return np.asarray(game.state.data.xpos)[env.base.agents.body_ids, :2].copy()
+
+    before, yaw = places(), yaw_of(game.state, env, 0)
+    for _ in range(4):
+        game.step(0, frozenset({"KeyW"}))
+    moved = places() - before
+    assert moved[0] @ [np.cos(yaw), np.sin(yaw)] > 0.05
+    np.testing.assert_allclose(moved[1:], 0, atol=1e-3)
+    game.step(0, frozenset({"KeyQ"}))
+    assert yaw_of(game.state, env, 0) - yaw > 0.01
+    first = places()
+    game.begin(env.default_params)
+    assert np.abs(places() - first).max() > 0.1
+    assert not game.ended
+    steps = 0
+    while not game.ended:
+        game.step(-1, frozenset())
+        steps += game._n_steps
+    assert env.base.horizon <= steps < env.base.horizon + game._n_steps
+    hiders, seekers = (game.returns[list(team.slots)].mean() for team in env.teams.values())
+    assert hiders == -seekers != 0
+    assert game.score() == f"hiders {hiders:+.4g}, seekers {seekers:+.4g}"
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_person_plays_with_real_keys(env, tmp_path, game, monkeypatch):
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.by import By
+
+    monkeypatch.setattr(live_module, "Play", lambda *_: game)
+    game.begin(env.default_params)
+
+    def place():
+        return np.asarray(game.state.data.xpos)[env.base.agents.body_ids[0], :2].copy()
+
+    def until(true, seconds=20.0):
+        end = time.perf_counter() + seconds
+        while not true():
+            assert time.perf_counter() < end
+            time.sleep(0.05)
+
+    with maax.play(env, "still", vision=True) as live, browser(tmp_path) as driver:
+        panel = live._panel
+        driver.set_window_size(1000, 700)
+        driver.get(live.url)
+        until(lambda: driver.find_elements(By.TAG_NAME, "canvas") and "hiders" in panel._words.content)
+        until(lambda: any(one.get_attribute("value") == BEGIN for one in driver.find_elements(By.TAG_NAME, "input")))
+        # The page's handlers are there once the image has failed.
+        time.sleep(1)
+        ActionChains(driver).send_keys(" ").perform()
+        until(lambda: panel.paused)
+        stands = int(game.state.step)
+        time.sleep(0.3)
+        assert int(game.state.step) == stands
+        ActionChains(driver).send_keys(".").perform()
+        until(lambda: int(game.state.step) > stands)
+        ActionChains(driver).send_keys("n").perform()
+        until(lambda: int(game.state.step) == 0)
+        ActionChains(driver).send_keys("g").perform()
+        until(lambda: game.steering.on["grab"])
+        camera = next(iter(live._server.get_clients().values())).camera
+        before, looked_from = place(), np.array(camera.position)
+        ActionChains(driver).send_keys(" ").key_down("w").perform()
+        until(lambda: "KeyW" in panel.keyboard.held)
+        until(lambda: np.abs(place() - before).max() > 0.1)
+        ActionChains(driver).key_up("w").perform()
+        until(lambda: not panel.keyboard.held)
+        np.testing.assert_array_equal(camera.position, looked_from, "W moves viser's camera, but for our keys")
+        until(lambda: "grab is on" in driver.find_element(By.TAG_NAME, "body").text)
+        words = driver.find_element(By.TAG_NAME, "body").text
+        assert {"Show vision", "Show lidar", "Next world"} <= set(words.split("\n"))
+        assert not panel.changed
+        driver.find_element(By.XPATH, "//*[contains(text(), 'Worlds, from')]").click()
+        until(lambda: "n_boxes" in driver.find_element(By.TAG_NAME, "body").text)
+    assert not live._thread.is_alive()
+
+
+def test_what_is_refused(env):
+    for argument, value in (
+        ("agent", "hider_9"), ("policy", "nobody"), ("opponents", 3), ("seed", -1), ("vision", "yes"), ("port", 70000)
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"{argument}: got"):
+            maax.play(env, **{argument: value})
+    with pytest.raises(ValueError, match="vision: got True, and env has no LineOfSight"):
+        maax.play(maax.make("standard", impl="c"), vision=True)
