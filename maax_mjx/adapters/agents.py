@@ -46,6 +46,7 @@ class PerAgent:
     Attributes:
         env: the environment, with what was wrapped around it.
         observation_space, action_space: of one agent.
+        parts: the spaces of what one agent decides, by name.
 
     Raises:
         ValueError: an environment whose agents share their observations, or a flat one that should not be.
@@ -70,8 +71,8 @@ class PerAgent:
         if missing := [name for name in self._shown if name not in seen]:
             raise ValueError(f"env: got {env!r}, in which {missing} belong to no agent; takes observations of agents")
         self.observation_space: spaces.Space = seen[FLAT] if flat else spaces.Dict(seen)
-        self._parts = {name: _of_one(space) for name, space in sorted(env.action_space.spaces.items())}
-        self.action_space: spaces.Space = _joined(self._parts)
+        self.parts = {name: _of_one(space) for name, space in sorted(env.action_space.spaces.items())}
+        self.action_space: spaces.Space = _joined(self.parts)
 
     def observations(self, obs: Mapping[str, jax.Array]) -> Any:
         """Returns observations (..., n_agents, ...) as the spaces have them: an array, or a dict of arrays."""
@@ -87,7 +88,7 @@ class PerAgent:
         """
         if isinstance(self.action_space, spaces.Dict):
             raise ValueError(
-                f"{argument}: got {self.env!r}, whose agents decide {sorted(self._parts)} as numbers and choices; "
+                f"{argument}: got {self.env!r}, whose agents decide {sorted(self.parts)} as numbers and choices; "
                 "takes one with bins, DiscretizeActions, or with actions of one kind"
             )
         return self.action_space
@@ -99,11 +100,11 @@ class PerAgent:
             chosen: (..., n_agents, k), or a dict of such arrays, as the agents' action space has them.
         """
         if isinstance(self.action_space, spaces.Dict):
-            return {name: jnp.asarray(chosen[name]) for name in self._parts}
-        if len(self._parts) == 1:
-            return {name: jnp.asarray(chosen) for name in self._parts}
+            return {name: jnp.asarray(chosen[name]) for name in self.parts}
+        if len(self.parts) == 1:
+            return {name: jnp.asarray(chosen) for name in self.parts}
         parts, at = {}, 0
-        for name, part in self._parts.items():
+        for name, part in self.parts.items():
             width = _width(part)
             taken = jnp.asarray(chosen)[..., at : at + width]
             parts[name] = taken[..., 0] if part.shape == () else taken
@@ -118,7 +119,7 @@ class PerAgent:
             rest = part.nvec // 2 if isinstance(part, spaces.MultiDiscrete) else np.zeros(part.shape or ())
             return np.asarray(rest, part.dtype)
 
-        found = {name: still(part) for name, part in self._parts.items()}
+        found = {name: still(part) for name, part in self.parts.items()}
         if isinstance(self.action_space, spaces.Dict):
             return found
         rows = np.concatenate([np.atleast_1d(part) for part in found.values()])

@@ -2,7 +2,8 @@
 
 `rollout` is one compiled program of all steps, `step` a call of `Worlds.step` for each, both with actions that are
 drawn on the device at every step. The batches of other libraries hold one action that was drawn before. `pettingzoo`
-has one world and draws actions; `jaxmarl` is its own loop of `step`, compiled as a whole, whose agents stand still.
+has one world and draws actions. `jaxmarl`, `brax` and `playground` are their own loops of `step` in their own wrappers,
+compiled as a whole, with agents that stand still.
 """
 
 from __future__ import annotations
@@ -25,7 +26,17 @@ from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import OneOf, PositiveCount
 
-WAYS = ("rollout", "step", "gymnasium_vector", "stable_baselines3", "torch", "jaxmarl", "pettingzoo")
+WAYS = (
+    "rollout",
+    "step",
+    "gymnasium_vector",
+    "stable_baselines3",
+    "torch",
+    "jaxmarl",
+    "brax",
+    "playground",
+    "pettingzoo",
+)
 
 
 @dataclass
@@ -82,6 +93,8 @@ def stepper(case: Case, n_steps: int) -> Callable[[], Any]:
         return _pettingzoo(env, n_steps)
     if case.way == "jaxmarl":
         return _jaxmarl(env, case.worlds, n_steps)
+    if case.way in ("brax", "playground"):
+        return _single(env, case.way, case.worlds, n_steps)
     worlds = maax.Worlds(env, case.worlds)
     if case.way in ("rollout", "step"):
         return _worlds(worlds, case.way, n_steps)
@@ -129,6 +142,27 @@ def _jaxmarl(env: maax.Environment, n_worlds: int, n_steps: int) -> Callable[[],
         return state, reward[game.agents[0]].sum()
 
     loop = jax.jit(lambda state: jax.lax.scan(one, state, jnp.arange(n_steps)))
+    return lambda: jax.block_until_ready(loop(first)[1])
+
+
+def _single(env: maax.Environment, way: str, n_worlds: int, n_steps: int) -> Callable[[], Any]:
+    game, horizon = getattr(adapters, way)(env), env.base.horizon
+    if way == "brax":
+        from brax.envs.wrappers.training import wrap
+
+        batch = wrap(game, episode_length=horizon)
+    else:
+        from mujoco_playground import wrapper
+
+        batch = wrapper.wrap_for_brax_training(game, episode_length=horizon)
+    first = jax.jit(batch.reset)(jax.random.split(jax.random.PRNGKey(0), n_worlds))
+    action = jnp.zeros((n_worlds, game.action_size))
+
+    def one(state: Any, _: None) -> tuple[Any, jax.Array]:
+        state = batch.step(state, action)
+        return state, state.reward.sum()
+
+    loop = jax.jit(lambda state: jax.lax.scan(one, state, length=n_steps))
     return lambda: jax.block_until_ready(loop(first)[1])
 
 

@@ -12,6 +12,8 @@ ANGLES = {"default": (90.0, -55.0), "top": (90.0, -89.9)}
 TAKES = ("azimuth", "elevation", "distance", "lookat")
 ROOM = 0.5
 """Metres above the floor that are to be in the picture."""
+CENTRED = 3
+"""Times that the camera is centred and steps back."""
 
 
 class Camera(NamedTuple):
@@ -45,7 +47,11 @@ class Camera(NamedTuple):
 
 
 def place_camera(
-    camera: str | Mapping[str, Any], extent: np.ndarray, size: tuple[int, int], words: float = 0.0
+    camera: str | Mapping[str, Any],
+    extent: np.ndarray,
+    size: tuple[int, int],
+    words: float = 0.0,
+    centred: bool = False,
 ) -> Camera:
     """A camera that has all worlds in its picture.
 
@@ -55,6 +61,7 @@ def place_camera(
         extent: (2,) metres along x and y from the origin that the worlds cover.
         size: width and height in pixels.
         words: metres of words above the far edge, which are to be in the picture too.
+        centred: whether what is seen has as much room above as below, instead of more above, for words.
 
     Raises:
         ValueError: an unknown camera, or numbers out of range.
@@ -76,7 +83,14 @@ def place_camera(
     if not whole:
         raise ValueError(f"camera: got {camera!r}; takes finite numbers, a distance above 0, and a lookat of three")
     looking = _looking(azimuth, elevation, distance, lookat)
-    return looking if "distance" in given else _step_back(looking, extent, size, words)
+    if "distance" in given:
+        return looking
+    corners = _corners(extent, words)
+    looking = _step_back(looking, corners, size)
+    # What is far away is small: the middle of the floor is not that of the picture.
+    for _ in range(CENTRED if centred and "lookat" not in given else 0):
+        looking = _step_back(_centred(looking, corners, size), corners, size)
+    return looking
 
 
 def _looking(azimuth: float, elevation: float, distance: float, lookat: np.ndarray) -> Camera:
@@ -86,13 +100,25 @@ def _looking(azimuth: float, elevation: float, distance: float, lookat: np.ndarr
     return Camera(lookat - distance * forward, forward, up, lookat)
 
 
-def _step_back(camera: Camera, extent: np.ndarray, size: tuple[int, int], words: float) -> Camera:
-    """The camera as far away as it takes to see all corners, with a margin."""
+def _corners(extent: np.ndarray, words: float) -> np.ndarray:
+    """(8, 3) metres, the corners of what is to be seen."""
     x, y = extent
-    corners = np.array([[i * x, j * y, z] for i in (0, 1) for j in (0, 1) for z in (0.0, ROOM + j * words)])
-    corners -= camera.lookat
+    return np.array([[i * x, j * y, z] for i in (0, 1) for j in (0, 1) for z in (0.0, ROOM + j * words)])
+
+
+def _centred(camera: Camera, corners: np.ndarray, size: tuple[int, int]) -> Camera:
+    """The camera moved upwards or downwards, so that the corners are as far from the upper as from the lower edge."""
+    height = camera.project(corners, size)[:, 1]
+    off = size[1] / 2 - (height.min() + height.max()) / 2
+    metres = off / (size[1] / 2) * np.tan(np.radians(FOVY) / 2) * camera.distance
+    return camera._replace(position=camera.position + metres * camera.up, lookat=camera.lookat + metres * camera.up)
+
+
+def _step_back(camera: Camera, corners: np.ndarray, size: tuple[int, int]) -> Camera:
+    """The camera as far away as it takes to see all corners, with a margin."""
+    away = corners - camera.lookat
     tangent = np.tan(np.radians(FOVY) / 2) * 0.95
     right = np.cross(camera.forward, camera.up)
-    sideways = np.maximum(np.abs(corners @ right) * size[1] / size[0], np.abs(corners @ camera.up))
-    distance = float(np.max(sideways / tangent - corners @ camera.forward))
+    sideways = np.maximum(np.abs(away @ right) * size[1] / size[0], np.abs(away @ camera.up))
+    distance = float(np.max(sideways / tangent - away @ camera.forward))
     return camera._replace(position=camera.lookat - distance * camera.forward)

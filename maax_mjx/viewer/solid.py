@@ -12,10 +12,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from maax_mjx.common.colours import Colour
 from maax_mjx.viewer.camera import FOVY, place_camera
+from maax_mjx.viewer.gallery import arrange, initials
 from maax_mjx.viewer.gl import open_context
 from maax_mjx.viewer.materials import RGB, Paint
 from maax_mjx.viewer.palette import DARK, EYE, GRID, SKY, as_bytes, blend
-from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, grid_of, offsets, outline, up
+from maax_mjx.viewer.scene import UPRIGHT, Frame, Part, Shape, along, grid_lines, outline, up
 from maax_mjx.viewer.stage import Stage
 
 GEOMS = {
@@ -31,8 +32,12 @@ SAMPLES, SHADOW = 8, 4096
 FLOOR_DEPTH, GRID_WIDTH, GRID_HEIGHT = 0.05, 0.01, 0.0015
 LIGHTS = ((0.36, 0.24), (0.0, 0.5))
 """Ambient and diffuse share of the light at the eye, and of the sun."""
-WORDS = 0.24
-"""Height of the words above a world, as a share of its edge."""
+N_LINES = 3
+"""Lines of words above each world of a gallery: the time, and what two teams get."""
+FROM_ABOVE = -72.0
+"""Elevation of the camera in galleries, in degrees: nearer to that of a plan, since what stands up is small there."""
+NAMES = 0.026
+"""Height of agents' names, as a share of a tile's width."""
 SUN = np.array([0.55, -0.15, -1.0])
 
 
@@ -56,9 +61,11 @@ class Solid:
     ):
         self._size, self._edge = size, edge
         self._materials = stage.subject.materials
-        self._offsets = offsets(n, edge)
-        extent = self._offsets.max(axis=0)[:2] + edge
-        self._camera = place_camera(camera, extent, size, WORDS * edge if n > 1 else 0.0)
+        self._n = n
+        self._gallery = arrange(n, size, N_LINES)
+        extent = np.array([edge, edge])
+        aimed = {"elevation": FROM_ABOVE} if n > 1 and camera == "default" else camera
+        self._camera = place_camera(aimed, extent, self._gallery.tile, centred=n > 1)
         # Shadows are sized by the model's extent, and the parked entities of the compiled one are far away.
         self._model = copy.copy(stage.model)
         self._model.stat.extent = float(np.linalg.norm(extent)) / 1.4
@@ -69,7 +76,7 @@ class Solid:
         self._context = open_context(*size)
         self._gl = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gl)
-        self._scene = mujoco.MjvScene(self._model, maxgeom=4000 * n)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=4000)
 
     def __enter__(self) -> Solid:
         return self
@@ -85,21 +92,29 @@ class Solid:
     def draw(self, frames: Sequence[Frame]) -> np.ndarray:
         """(height, width, 3) uint8 of worlds side by side, with their words."""
         self._context.make_current()
-        self._scene.ngeom = 0
-        self._aim()
-        ground = self._add(mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), up(-2 * FLOOR_DEPTH), UPRIGHT, SKY)
-        ground.emission = 1.0
-        for frame, offset in zip(frames, self._offsets, strict=True):
-            self._add_world(frame, offset)
         width, height = self._size
-        image = np.empty((height, width, 3), np.uint8)
-        depth = np.empty((height, width), np.float32)
+        tile = self._gallery.tile
+        image = np.full((height, width, 3), as_bytes(SKY), np.uint8)
+        for i, frame in enumerate(frames):
+            self._scene.ngeom = 0
+            self._aim()
+            ground = self._add(mujoco.mjtGeom.mjGEOM_PLANE, (0, 0, 1), up(-2 * FLOOR_DEPTH), UPRIGHT, SKY)
+            ground.emission = 1.0
+            self._add_world(frame)
+            x, y = self._gallery.corner(i)
+            y += self._gallery.strip
+            image[y : y + tile[1], x : x + tile[0]] = self._seen(*tile)
+        return self._written(image, frames)
+
+    def _seen(self, width: int, height: int) -> np.ndarray:
+        """(height, width, 3) of the scene."""
+        image, depth = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         rect = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(rect, self._scene, self._gl)
         mujoco.mjr_readPixels(image, depth, rect, self._gl)
         # Above the horizon, where MuJoCo leaves it black.
         image[depth >= 1.0] = as_bytes(SKY)
-        return self._written(np.flipud(image), frames)
+        return np.flipud(image)
 
     def _aim(self) -> None:
         camera = self._camera
@@ -122,23 +137,23 @@ class Solid:
         for off in (mujoco.mjtRndFlag.mjRND_SKYBOX, mujoco.mjtRndFlag.mjRND_HAZE, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._scene.flags[off] = 0
 
-    def _add_world(self, frame: Frame, offset: np.ndarray) -> None:
+    def _add_world(self, frame: Frame) -> None:
         edge = frame.floor_size / 2
         floor = Shape("box", (edge, edge, FLOOR_DEPTH / 2), frame.floor)
-        self._add_part(Part("floor", "floor", floor, np.array([edge, edge, -FLOOR_DEPTH / 2]), UPRIGHT), offset)
+        self._add_part(Part("floor", "floor", floor, np.array([edge, edge, -FLOOR_DEPTH / 2]), UPRIGHT))
         for (x0, y0), (x1, y1) in grid_lines(frame.floor_size):
             half = ((x1 - x0) / 2 + GRID_WIDTH, (y1 - y0) / 2 + GRID_WIDTH, GRID_HEIGHT / 2)
             middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, GRID_HEIGHT / 2])
-            self._add_part(Part("grid", "floor", Shape("box", half, GRID), middle, UPRIGHT), offset)
+            self._add_part(Part("grid", "floor", Shape("box", half, GRID), middle, UPRIGHT))
         for part in frame.parts:
-            self._add_part(part, offset)
+            self._add_part(part)
         for line in frame.lines:
             if line.role != "heading":
                 for ends in line.points:
-                    self._add_bar(ends + offset, line.width / 2, line.rgba)
+                    self._add_bar(ends, line.width / 2, line.rgba)
 
-    def _add_part(self, part: Part, offset: np.ndarray) -> None:
-        shape, position = part.shape, part.position + offset
+    def _add_part(self, part: Part) -> None:
+        shape, position = part.shape, part.position
         if shape.kind == "sector":
             corners = outline(shape, SECTOR_STEPS) @ part.rotation.T + position
             for i in range(1, len(corners) - 1):
@@ -188,22 +203,31 @@ class Solid:
         return geom
 
     def _written(self, image: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
-        picture = Image.fromarray(image)
+        """The picture with the names of agents, and the words of every world."""
+        picture, gallery = Image.fromarray(image), self._gallery
         pen = ImageDraw.Draw(picture)
-        columns, _ = grid_of(len(frames))
-        base = self._size[0] / columns
-        small, large = (ImageFont.load_default(max(9, round(base * share))) for share in (0.026, 0.03))
-        for frame, offset in zip(frames, self._offsets, strict=True):
+        small = ImageFont.load_default(max(9, round(gallery.tile[0] * NAMES)))
+        large = ImageFont.load_default(gallery.letters if gallery.strip else max(9, round(gallery.tile[0] * 0.03)))
+        edged: dict[str, Any] = {"stroke_width": 2, "stroke_fill": "white"}
+        for i, frame in enumerate(frames):
+            x, y = gallery.corner(i)
             for label in frame.labels:
-                at = tuple(self._camera.project(label.position[None] + offset, self._size)[0])
+                at = self._camera.project(label.position[None], gallery.tile)[0] + (x, y + gallery.strip)
+                is_short = label.role == "name" and gallery.is_narrow
+                text, anchor = (initials(label.text), "mb") if is_short else (label.text, "mm")
                 colour = as_bytes(blend(label.rgba, EYE, 0.25))
-                pen.text(at, label.text, fill=colour, font=small, anchor="mm", stroke_width=2, stroke_fill="white")
-            corner = np.array([[0.0, frame.floor_size, 0.5]]) + offset
-            x, y = self._camera.project(corner, self._size)[0] if len(frames) > 1 else (12.0, 8.0)
-            anchor, align = ("ld", "left") if len(frames) > 1 else ("la", "left")
-            text = "\n".join(frame.text)
-            pen.multiline_text(
-                (x, y), text, fill=as_bytes(DARK), font=large, anchor=anchor, align=align, spacing=3,
-                stroke_width=2, stroke_fill="white",
-            )  # fmt: skip
+                pen.text(tuple(at), text, fill=colour, font=small, anchor=anchor, **edged)
+            lines = gallery.fitting(frame.text)
+            if gallery.strip:
+                lines = [_cut(line, large, gallery.tile[0] - 6) for line in lines]
+            at = (x + 4, y + 1) if gallery.strip else (12, 8)
+            pen.multiline_text(at, "\n".join(lines), fill=as_bytes(DARK), font=large, spacing=1, **edged)
         return np.asarray(picture).copy()
+
+
+def _cut(line: str, font: Any, width: int) -> str:
+    """The words of a line that fit into a width in pixels, the first one at least."""
+    words = line.split(" ")
+    while len(words) > 1 and font.getlength(" ".join(words)) > width:
+        words.pop()
+    return " ".join(words).rstrip(" ,")

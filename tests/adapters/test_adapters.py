@@ -249,13 +249,15 @@ def test_worlds_of_pmap_are_refused(env):
         ("pettingzoo", "pettingzoo"),
         ("torch", "torch"),
         ("jaxmarl", "jaxmarl.environments"),
+        ("brax", "brax.envs.base"),
+        ("playground", "mujoco_playground"),
         ("stable_baselines3", "stable_baselines3.common.vec_env"),
     ],
 )
 def test_missing_libraries_are_named(name, module, env, worlds, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(maax.MissingLibraryError, match=rf"^{name}: needs"):
-        getattr(adapters, name)(env if name in ("pettingzoo", "jaxmarl") else worlds)
+        getattr(adapters, name)(worlds if name in ("torch", "stable_baselines3") else env)
 
 
 class Space(NamedTuple):

@@ -62,7 +62,7 @@ def test_learning(run, folder, monkeypatch):
     assert again["steps"] == row["steps"]
     assert again["seekers"] == row["seekers"]
     (trained,) = (folder / "runs").iterdir()
-    (played,) = run(stages, folder / "stages_cpu.json", runs=(trained,), without=("",), episodes=4, impl="c")
+    (played,) = run(stages, folder / "stages_cpu.json", runs=(trained,), without=("nothing",), episodes=4, impl="c")
     assert (played["run"], played["steps"], played["without"]) == (trained.name, row["steps"], "nothing")
     assert played["stage"] == ""
     assert played["trained"] > 0
@@ -77,8 +77,8 @@ def test_policies_of_a_run_are_played_from_the_oldest_to_the_newest(folder):
     policy.save(folder / "run" / "policy")
     for steps in (0, 5_000_000, policy.steps):
         policy.save(folder / "run" / "past" / f"{steps:015d}")
-    both = stages.Config(runs=(folder / "run",), without=("", "no_ramps"))
+    both = stages.Config(runs=(folder / "run",), without=("nothing", "no_ramps"))
     assert [(case.run, case.steps, case.without) for case in stages.cases(both)] == [
-        ("run", steps, without) for steps in (5_000_000, policy.steps) for without in ("", "no_ramps")
+        ("run", steps, without) for steps in (5_000_000, policy.steps) for without in ("nothing", "no_ramps")
     ]
-    assert [case.steps for case in stages.cases(replace(both, past=False, without=("",)))] == [policy.steps]
+    assert [case.steps for case in stages.cases(replace(both, past=False, without=("nothing",)))] == [policy.steps]

@@ -31,8 +31,8 @@ def test_block(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(registry, "_TASKS", dict(registry._TASKS))
     monkeypatch.setattr(scenarios, "_SCENARIOS", dict(scenarios._SCENARIOS))
-    for library in ("stable_baselines3", "torch", "jaxmarl"):
-        if f"import {library}" in BLOCKS[name] or f"from {library}" in BLOCKS[name]:
+    for library in ("stable_baselines3", "torch", "jaxmarl", "brax"):
+        if re.search(rf"^(import|from) {library}\b", BLOCKS[name], re.MULTILINE):
             pytest.importorskip(library)  # too large to install for one block
     run_block(name)
     printed = capsys.readouterr().out

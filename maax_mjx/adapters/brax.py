@@ -1,0 +1,77 @@
+"""One team of a game as an environment of Brax's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from maax_mjx.adapters.team import OneTeam
+from maax_mjx.common.errors import MissingLibraryError, brought_by
+from maax_mjx.core.env import Environment
+
+
+def brax(env: Environment, team: str | None = None, policy: Any = None) -> Any:
+    """Makes a `brax.envs.base.Env` of one team of a game, as one agent with vectors of numbers.
+
+    It observes the vectors of its agents, one after the other, and decides a number in [-1, 1] for everything that one
+    of them decides: forces as they are, bins by the nearest, choices of two by the sign. Its reward is the mean of its
+    agents in play. Give Brax's wrapper and trainers `episode_length=env.base.horizon`: the horizon is theirs to keep.
+    Brax begins every episode of a world in the same layout, that of the world's first reset.
+
+    Example:
+        ppo.train(adapters.brax(env, "seekers", policy="random"), episode_length=env.base.horizon, ...)
+
+    Args:
+        env: an environment whose agents observe for themselves.
+        team: name of the team; None is all agents.
+        policy: who plays the others; see `gymnasium_vector`.
+
+    Raises:
+        MissingLibraryError: without Brax, the extra "brax".
+        ValueError: see `gymnasium_vector`.
+    """
+    try:
+        from brax.envs.base import Env
+        from brax.envs.base import State as BraxState
+    except ImportError as error:
+        raise MissingLibraryError(f"brax: needs Brax; {brought_by('brax')}") from error
+    of = OneTeam(env, team, policy)
+
+    class Game(Env):
+        """One team of a game of maax_mjx."""
+
+        env = of.env
+
+        def reset(self, rng: jax.Array) -> Any:
+            inside = of.begin(rng)
+            return BraxState(inside, of.observation(inside), jnp.zeros(()), jnp.zeros(()), of.metrics(inside), {})
+
+        def step(self, state: Any, action: jax.Array) -> Any:
+            inside = of.step(state.pipeline_state, action)
+            return state.replace(
+                pipeline_state=inside,
+                obs=of.observation(inside),
+                reward=of.reward(inside),
+                done=of.done(inside),
+                metrics=state.metrics | of.metrics(inside),
+            )
+
+        @property
+        def observation_size(self) -> int:
+            return of.observation_size
+
+        @property
+        def action_size(self) -> int:
+            return of.action_size
+
+        @property
+        def backend(self) -> str:
+            return of.env.base.engine.impl
+
+        @property
+        def dt(self) -> float:
+            return of.env.base.dt
+
+    return Game()
