@@ -16,6 +16,7 @@ from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.registry import check_game, config_of, jitted, make, register, tasks
 from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, standard, world
 from maax_mjx.tasks.tag import TagConfig, tag
+from maax_mjx.tasks.transfer.locks import LockAndReturnConfig, LockTaskConfig, SequentialLockConfig, lock_task
 
 register("standard", standard, StandardConfig)
 register("hide_and_seek", hide_and_seek, HideAndSeekConfig)
@@ -23,6 +24,8 @@ register("hide_and_seek_quadrant", hide_and_seek, QuadrantConfig)
 register("hide_and_seek_full", hide_and_seek, FullConfig)
 register("tag", tag, TagConfig)
 register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
+register("lock_and_return", lock_task, LockAndReturnConfig)
+register("sequential_lock", lock_task, SequentialLockConfig)
 
 __all__ = [
     "CaptureTheFlagConfig",
@@ -31,9 +34,12 @@ __all__ = [
     "GrabConfig",
     "HideAndSeekConfig",
     "LidarConfig",
+    "LockAndReturnConfig",
     "LockConfig",
+    "LockTaskConfig",
     "QuadrantConfig",
     "RectConfig",
+    "SequentialLockConfig",
     "StandardConfig",
     "TagConfig",
     "WorldConfig",
@@ -43,6 +49,7 @@ __all__ = [
     "hide_and_seek",
     "is_in_a_file",
     "jitted",
+    "lock_task",
     "make",
     "observed_by_agents",
     "register",

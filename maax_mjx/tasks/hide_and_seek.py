@@ -192,15 +192,15 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
         env = LineOfSight(env, config.cone)
     if config.lidar is not None:
         frame = "agent" if config.observations == "ego" else "world"
-        lidar = _arguments(config.lidar)
+        lidar = arguments(config.lidar)
         env = Lidar(env, **lidar | {"frame": frame if config.lidar.frame is None else config.lidar.frame})
     if config.lock is not None:
-        env = LockObjects(env, **_arguments(config.lock))
+        env = LockObjects(env, **arguments(config.lock))
     if config.grab is not None:
-        env = GrabObjects(env, **_arguments(config.grab))
+        env = GrabObjects(env, **arguments(config.grab))
     env = HideAndSeekReward(env, config.rew_type, config.by, config.reward_scale)
     if config.rect is not None:
-        env = RestrictAgentsRect(env, **_arguments(config.rect))
+        env = RestrictAgentsRect(env, **arguments(config.rect))
     env = PreparationPhase(env, config.prep_fraction, config.blind)
     if config.stats:
         env = TrackStats(env)
@@ -211,5 +211,6 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     return observed_by_agents(env, config.observations, config.observe)
 
 
-def _arguments(group: Config) -> dict[str, Any]:
+def arguments(group: Config) -> dict[str, Any]:
+    """Returns the arguments of a wrapper that a group of fields has."""
     return {f.name: getattr(group, f.name) for f in fields(group)}

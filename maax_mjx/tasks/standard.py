@@ -38,6 +38,8 @@ Number = Annotated[int | tuple[int, int], Bounds(0, MOST)]
 """Objects or agents per world, or (low, high)."""
 ScenarioNames = Annotated[str | Sequence[str], OneOf(scenario_names)]
 Placement = str | PlacementFn
+Placements = Placement | tuple[Placement, ...] | list[Placement]
+"""One for all objects of a kind, or one for each of them."""
 TeamPlacements = Mapping[str, Placement] | tuple[Placement, ...] | list[Placement] | Placement
 
 
@@ -52,7 +54,7 @@ class WorldConfig(Extensions):
         scenario: the room scenario, or several, one of which each world draws; see `WallScenarios`.
         n_boxes, n_ramps: number per world, or (low, high).
         n_elongated_boxes: number of elongated boxes; see `Boxes`.
-        box_placement, ramp_placement: where boxes and ramps start.
+        box_placement, ramp_placement: where boxes and ramps start; one for all, or a list of one for each.
         door_size: in cells.
         outer: how the arena is closed; see `WallScenarios`.
         probabilities: probabilities of several scenarios.
@@ -69,8 +71,8 @@ class WorldConfig(Extensions):
     n_boxes: Number = 1
     n_ramps: Number = 1
     n_elongated_boxes: Number = 0
-    box_placement: Placement = "uniform"
-    ramp_placement: Placement = "uniform"
+    box_placement: Placements = "uniform"
+    ramp_placement: Placements = "uniform"
     door_size: Count = 2
     p_door_dropout: FractionRange = 0.0
     n_rooms: PositiveCountRange = 4
@@ -250,7 +252,7 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     env.add_module(
         Boxes(
             config.n_boxes,
-            _placement("box_placement", config.box_placement)[0],
+            _placements("box_placement", config.box_placement),
             box_friction=config.box_friction,
             n_elongated_boxes=config.n_elongated_boxes,
             random_yaw=config.random_yaw,
@@ -260,12 +262,19 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     env.add_module(
         Ramps(
             config.n_ramps,
-            _placement("ramp_placement", config.ramp_placement)[0],
+            _placements("ramp_placement", config.ramp_placement),
             config.ramp_friction,
             random_yaw=config.random_yaw,
         )
     )
     return env
+
+
+def _placements(argument: str, given: Placements) -> PlacementFn | list[PlacementFn]:
+    """Returns the placement function of all objects of a kind, or that of each of them."""
+    if isinstance(given, list | tuple):
+        return [_placement(argument, one)[0] for one in given]
+    return _placement(argument, given)[0]
 
 
 def _placement(argument: str, placement: Placement, first: str = "", n: int = 1) -> list[PlacementFn]:

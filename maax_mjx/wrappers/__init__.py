@@ -8,6 +8,7 @@ from maax_mjx.wrappers.ego import EgocentricObservations
 from maax_mjx.wrappers.extend import extended
 from maax_mjx.wrappers.flatten import FlattenObservations, MaskObservations
 from maax_mjx.wrappers.grabs import GrabObjects
+from maax_mjx.wrappers.lock_tasks import LockInOrder, LockTask, LockTogether
 from maax_mjx.wrappers.locks import LockObjects
 from maax_mjx.wrappers.masks import MaskActions, MaskUnseenAction
 from maax_mjx.wrappers.preparation import PreparationPhase
@@ -42,7 +43,10 @@ __all__ = [
     "HideAndSeekReward",
     "Lidar",
     "LineOfSight",
+    "LockInOrder",
     "LockObjects",
+    "LockTask",
+    "LockTogether",
     "MaskActions",
     "MaskObservations",
     "MaskUnseenAction",

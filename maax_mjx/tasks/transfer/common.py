@@ -1,0 +1,77 @@
+"""What the transfer tasks share: one agent with the body, the senses and the hands of hide-and-seek."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from maax_mjx.common.annotated import NonNegativeRange, OneOf, PositiveCount, PositiveRange
+from maax_mjx.core.env import Environment
+from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments
+from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
+from maax_mjx.tasks.standard import GameConfig, Placement, ScenarioNames, Side, world
+from maax_mjx.worldgen import WorldParams
+from maax_mjx.wrappers import (
+    AgentAgentContactMask2D,
+    DiscretizeActions,
+    GrabObjects,
+    Lidar,
+    LineOfSight,
+    LockObjects,
+    LockTogether,
+    PreparationPhase,
+    TeamMembership,
+)
+from maax_mjx.wrappers.actions import Bins
+from maax_mjx.wrappers.senses import CONE, Cone
+from maax_mjx.wrappers.teams import HIDERS
+
+
+@dataclass(frozen=True)
+class TransferConfig(GameConfig):
+    """One agent, a hider, as in the published games; see `QuadrantConfig`.
+
+    Attributes:
+        agent_placement: where the agent starts.
+        cone: full angle of `LineOfSight` in radians.
+        lock, grab, lidar: arguments of the wrappers; locks have a choice for every object, which `LockTogether` joins.
+        n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
+    """
+
+    agent_placement: Placement = "uniform"
+    agent_friction: NonNegativeRange | None = 0.01
+    box_friction: NonNegativeRange | None = 0.2
+    ramp_friction: NonNegativeRange | None = 0.01
+    floor_friction: NonNegativeRange | None = 0.2
+    gear: PositiveRange = 90.0
+    n_frames: PositiveCount = 15
+    world_params: WorldParams = field(default_factory=lambda: WorldParams(gravity=-50.0))
+    scenario: ScenarioNames = "empty"
+    boxsize_obs: bool | None = True
+    cone: Cone = CONE
+    lock: LockConfig = field(default_factory=lambda: LockConfig(in_vision_only=True))
+    grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(in_vision_only=True))
+    lidar: LidarConfig | None = field(default_factory=LidarConfig)
+    n_bins: Bins | None = 11
+    observations: Annotated[str, OneOf(OBSERVATIONS)] = "split"
+
+
+def one_agent(config: TransferConfig) -> Environment:
+    """Builds the world of a config, with an agent that sees, locks and grabs."""
+    side = Side(HIDERS, 1, config.agent_placement, "agent_placement")
+    env: Environment = AgentAgentContactMask2D(TeamMembership(world(config, (side,))))
+    env = LineOfSight(env, config.cone)
+    if config.lidar is not None:
+        frame = "agent" if config.observations == "ego" else "world"
+        lidar = arguments(config.lidar)
+        env = Lidar(env, **lidar | {"frame": frame if config.lidar.frame is None else config.lidar.frame})
+    env = LockObjects(env, **arguments(config.lock))
+    return env if config.grab is None else GrabObjects(env, **arguments(config.grab))
+
+
+def as_in_hide_and_seek(env: Environment, config: TransferConfig) -> Environment:
+    """Gives a task the actions and observations of the published games: no preparation, bins, one choice to lock."""
+    env = LockTogether(PreparationPhase(env, 0.0))
+    if config.n_bins is not None:
+        env = DiscretizeActions(env, config.n_bins)
+    return observed_by_agents(env, config.observations, config.observe)

@@ -1,0 +1,137 @@
+"""Lock tasks: rewards as an oracle has them that was written from the published code's description, and their rules."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import seeds, transfer_oracle
+
+import maax_mjx as maax
+
+KINDS = ("all", "order", "all-return", "order-return")
+STEPS = 60
+OFFSET = {"agent": 0.15, "box": 0.25}
+"""Metres from the lower corner to the centre."""
+
+
+@functools.cache
+def env_of(kind):
+    """Everything in reach at once, so that much is locked and comes open."""
+    return maax.make(
+        "sequential_lock", impl="c", scenario="empty", n_boxes=(2, 4), n_ramps=0, ramp_placement="uniform", n_frames=3,
+        horizon=STEPS + 1, grab=None, observations="raw", n_bins=None,
+        **{
+            "lock.radius": 20.0, "lock.in_vision_only": False, "lock.objects": ("box",),
+            "task.in_order": kind.startswith("order"), "task.and_return": kind.endswith("return"), "task.radius": 0.6,
+        },
+    )  # fmt: skip
+
+
+@functools.cache
+def played(kind):
+    """Some worlds under forces and locks that are held for a while: what the oracle reads, and the rewards."""
+    env, n = env_of(kind), 8
+    worlds = maax.Worlds(env, n)
+
+    def policy(state, key):
+        # Away for the first half, and back afterwards.
+        home = state.mechanics["lock_task"].spawn - state.data.qpos[env.base.agents.qpos_ids[0, :2]]
+        k = jax.random.fold_in(state.key, state.step // 10)
+        push = jnp.where(state.step < STEPS // 2, jax.random.uniform(k, (2,), minval=-1), jnp.clip(3 * home, -1, 1))
+        wants = jax.random.bernoulli(k, jnp.where(state.step < STEPS // 2, 0.6, 0.97), (1,))
+        return {"move": jnp.append(push, 0.0)[None], "lock": wants.astype(jnp.int8)}
+
+    first = worlds.reset(seeds.key(3))
+    start = jax.device_get((first.data.qpos, first.world.active["box"]))
+    _, kept = worlds.rollout(first, policy, STEPS, keep=("reward", "data.qpos", "mechanics.locks.locked"))
+    qpos = np.concatenate([start[0][None], kept["data.qpos"]])
+    locked = np.concatenate([np.zeros((1, n, 4), bool), kept["mechanics.locks.locked"]])
+    ids = {"agent": env.base.agents.qpos_ids[0, :2], "box": env.base.modules["box"].qpos_ids[:, :2]}
+    corners = {name: qpos[..., at] - OFFSET[name] for name, at in ids.items()}
+    return start[1], corners["agent"], corners["box"], locked, np.asarray(kept["reward"])[..., 0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rewards_are_the_published_ones(kind):
+    there, agent, boxes, locked, reward = played(kind)
+    assert locked.any(axis=0).mean() > 0.5
+    done = 0
+    for w in range(len(there)):
+        mine = there[w]
+        wanted = transfer_oracle.lock_rewards(
+            kind, agent[:, w], boxes[:, w][:, mine], locked[:, w][:, mine], threshold=0.6
+        )
+        np.testing.assert_allclose(reward[:, w], wanted, atol=2e-5)
+        done += (wanted > 0.9).sum()
+    assert done > 0
+    assert (reward < -4).any() == (locked[:-1] & ~locked[1:]).any()
+
+
+def test_locking_is_in_order():
+    """A box is locked later than all before it, or while they are locked; without the rule it is not so."""
+    broken = {}
+    for kind in ("all", "order"):
+        there, *_, locked, _ = played(kind)
+        new = locked[1:] & ~locked[:-1]
+        # Those before it that exist and were open before the step, in which one action was for all of them.
+        waits = (there & ~locked[:-1]).cumsum(axis=-1) - (there & ~locked[:-1])
+        broken[kind] = int((new & (waits > 0)).sum())
+    assert broken["order"] == 0
+    assert broken["all"] > 0
+
+
+def test_the_order_rule_is_the_oracles():
+    env = env_of("order")
+    order = next(layer for layer in env.layers if isinstance(layer, maax.LockInOrder))
+    state = env.reset(seeds.key(0))
+    rng = seeds.rng(0)
+    for _ in range(20):
+        locked, there, wants = rng.random(4) < 0.5, np.arange(4) < rng.integers(2, 5), rng.random(4) < 0.5
+        now = state.replace(
+            mechanics=state.mechanics | {"locks": state.mechanics["locks"].replace(locked=jnp.asarray(locked))},
+            world=state.world.replace(active=state.world.active | {"box": jnp.asarray(there)}),
+        )
+        got = order.action(now, {"lock": jnp.asarray(wants[None].astype(np.int8))})["lock"][0]
+        np.testing.assert_array_equal(
+            np.asarray(got)[there], transfer_oracle.order_rule(locked[there], wants[there].astype(int))
+        )
+
+
+@pytest.mark.parametrize("name", ["lock_and_return", "sequential_lock"])
+def test_worlds_are_as_published(name):
+    env = maax.make(name, impl="c")
+    worlds = maax.Worlds(env, 64)
+    states = worlds.reset(seeds.key(1))
+    assert np.asarray(states.world.valid).all()
+    plan, config = states.world.plan, maax.config_of(env)
+    assert set(np.asarray(plan.room_mask).sum(axis=1)) == ({6} if name == "lock_and_return" else {3})
+    assert (env.n_agents, env.base.dt, config.horizon) == (1, 0.075, 120)
+    assert {k: v.shape for k, v in env.action_space.spaces.items()} == {"move": (1, 3), "lock": (1,), "grab": (1,)}
+    if name == "sequential_lock":
+        assert not np.asarray(plan.door_mask).any()
+        at = np.asarray(states.data.qpos)[:, env.base.modules["ramp"].qpos_ids[:, :2]]
+        rooms = np.asarray(plan.rooms) * 0.2
+        assert (rooms[..., :2] <= at - 0.25 + 1e-5).all()
+        assert (at + 0.25 <= rooms[..., 2:] + 1e-5).all()
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match="LockTask takes one agent"):
+        maax.LockTask(maax.LockObjects(maax.make("tag", impl="c", observations="raw")))
+    inner = maax.TeamMembership(
+        maax.make("standard", impl="c", n_hiders=1, n_seekers=0, hider_placement="uniform", n_ramps=0)
+    )
+    with pytest.raises(ValueError, match=r"action_name: got 'lock'; LockTask takes that of a LockObjects"):
+        maax.LockTask(maax.LockObjects(inner, ("box",), per_object=False))
+    with pytest.raises(ValueError, match="kind: got 'ramp'"):
+        maax.LockTask(maax.LockObjects(inner, ("box",)), kind="ramp")
+    with pytest.raises(ValueError, match=r"radius: got 0"):
+        maax.LockTask(maax.LockObjects(inner, ("box",)), radius=0)
+    with pytest.raises(ValueError, match="takes that of a LockObjects with per_object=True"):
+        maax.LockTogether(maax.LockObjects(inner, ("box",), per_object=False))
+    with pytest.raises(ValueError, match="success: got -1"):
+        maax.make("lock_and_return", **{"task.success": -1.0})
