@@ -171,6 +171,10 @@ class Agents(Entities):
             fields = fields | {"actuator_gear": fields["actuator_gear"].at[self.ctrl_ids, 0].set(gear)}
         return fields
 
+    def headings(self, data: Data) -> jax.Array:
+        """Returns where agents look, in radians from the x axis: (n_agents,), of one world; at yaw 0 they face -y."""
+        return data.qpos[self.qpos_ids[:, 3]] - np.pi / 2
+
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """Returns `agent_qpos_qvel` (n, 8): x, y, z, yaw and their velocities, (n, 9) with `polar_obs`;
         `agent_pos` (n, 3); `agent_angle` (n, 1): heading, yaw - pi/2 wrapped to [-pi, pi); `agent_mask` (n,). Absent

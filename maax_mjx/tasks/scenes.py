@@ -13,7 +13,7 @@ from maax_mjx.core.state import State
 from maax_mjx.layout import Layout
 from maax_mjx.layout.grid import within
 from maax_mjx.layout.placement import requires_quadrant
-from maax_mjx.tasks import scripted
+from maax_mjx.tasks import scripted, walking
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
 from maax_mjx.tasks.registry import make
 
@@ -116,7 +116,23 @@ def over_the_wall(impl: str = "auto") -> Scene:
     return Scene(env, reset, act, 60)
 
 
-SCENES = {"catch": catch, "closed_door": closed_door, "over_the_wall": over_the_wall}
+def lock_and_return(impl: str = "auto") -> Scene:
+    """An agent finds its way through six rooms to the box, locks it, and goes back where it began."""
+    env = make("lock_and_return", impl=impl, observations="raw")
+
+    def act(state: State) -> dict[str, Any]:
+        forces, parts = walking.lock_and_return(state, env)
+        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+    return Scene(env, env.reset, act, env.base.horizon - 2)
+
+
+SCENES = {
+    "catch": catch,
+    "closed_door": closed_door,
+    "over_the_wall": over_the_wall,
+    "lock_and_return": lock_and_return,
+}
 
 
 @requires_quadrant

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks import scripted
-from maax_mjx.wrappers import GrabObjects, LockObjects
+from maax_mjx.tasks import scripted, walking
+from maax_mjx.wrappers import GrabObjects, LockObjects, LockTask
 from maax_mjx.wrappers.wrapper import find
 
 Script = Callable[[Environment, State, jax.Array], Any]
@@ -79,6 +79,17 @@ def _close_door(env: Environment, state: State, key: jax.Array) -> Any:
     return scripted.to_action(env, jnp.stack([act[0] for act in acts]), **parts)
 
 
+def _lock_and_return(env: Environment, state: State, key: jax.Array) -> Any:
+    """The agent goes to what it is to lock, and back."""
+    forces, parts = walking.lock_and_return(state, env)
+    return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+
+def _has_lock_task(env: Environment) -> None:
+    if find(env, LockTask) is None:
+        raise ValueError("lock_and_return: got a game without LockTask; takes lock_and_return")
+
+
 def _can_close_doors(env: Environment) -> None:
     if find(env, GrabObjects) is None or find(env, LockObjects) is None or "box" not in env.base.modules:
         raise ValueError(
@@ -90,5 +101,6 @@ SCRIPTED: dict[str, Scripted] = {
     "random": Scripted("random", _random),
     "still": Scripted("still", _still),
     "chase": Scripted("chase", _chase),
+    "lock_and_return": Scripted("lock_and_return", _lock_and_return, _has_lock_task),
     "close_door": Scripted("close_door", _close_door, _can_close_doors),
 }

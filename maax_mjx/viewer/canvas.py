@@ -83,7 +83,7 @@ class Canvas:
 
     def heading(self, agent: int) -> float:
         """Radians from the x axis to where an agent faces."""
-        return float(self._state.data.qpos[self.subject.agents.qpos_ids[agent, 3]]) - np.pi / 2
+        return float(self.subject.agents.headings(self._state.data)[agent])
 
     def centre(self, module: Entities, slot: int) -> np.ndarray:
         """(3,) metres: the centre of an object."""

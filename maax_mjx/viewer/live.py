@@ -21,7 +21,7 @@ from maax_mjx.viewer.camera import place_camera
 from maax_mjx.viewer.nodes import HERE, Nodes, open_server, stop_server
 from maax_mjx.viewer.panel import NOBODY, Panel
 from maax_mjx.viewer.stage import Stage
-from maax_mjx.viewer.steering import WAYS, Steering, steered, yaw_of
+from maax_mjx.viewer.steering import WAYS, Steering, steered
 
 FPS = 30
 HEIGHT = 600
@@ -142,10 +142,10 @@ class Play:
             slot: of the person's agent; -1 is nobody.
             held: the keys that are held.
         """
-        yaw = yaw_of(self.state, self.env, slot) if slot >= 0 else 0.0
+        heading = float(self.env.base.agents.headings(self.state.data)[slot])
         on = {name: np.asarray(x) for name, x in self.steering.on.items()}
         mine = self._teams == self._teams[slot]
-        person = np.asarray(slot), self.steering.forces(held, yaw), on
+        person = np.asarray(slot), self.steering.forces(held, heading), on
         states, kept = self._worlds.rollout(
             self._states,
             self._policy,

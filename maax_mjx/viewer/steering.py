@@ -57,16 +57,16 @@ class Steering:
         """Turns everything off."""
         self.on = dict.fromkeys(self.on, False)
 
-    def forces(self, held: Collection[str], yaw: float) -> np.ndarray:
+    def forces(self, held: Collection[str], heading: float) -> np.ndarray:
         """Returns (3,) forces along the world's x and y, and the torque.
 
         Args:
             held: the keys that are held.
-            yaw: where the agent looks, in radians.
+            heading: where the agent looks, in radians from the x axis.
         """
         ahead, left, torque = np.sum([WAYS[key] for key in held if key in WAYS] or [(0, 0, 0)], axis=0, dtype=float)
         push = np.array([ahead, left]) / max(np.hypot(ahead, left), 1.0)
-        cos, sin = np.cos(yaw), np.sin(yaw)
+        cos, sin = np.cos(heading), np.sin(heading)
         return np.array([push[0] * cos - push[1] * sin, push[0] * sin + push[1] * cos, torque], np.float32)
 
     def action(self, forces: jax.Array, on: dict[str, jax.Array]) -> dict[str, jax.Array]:
@@ -79,12 +79,6 @@ class Steering:
         n = self._env.n_agents
         parts = {name: jnp.full(n, is_on, jnp.int32) for name, is_on in on.items()}
         return to_action(self._env, jnp.broadcast_to(forces, (n, 3)), **parts)
-
-
-def yaw_of(state: State, env: Environment, agent: int) -> float:
-    """Returns where an agent looks, in radians."""
-    x, y = np.asarray(state.data.geom_xmat)[int(env.base.agents.geom_ids[agent])].reshape(3, 3)[:2, 0]
-    return float(np.arctan2(y, x))
 
 
 def steered(env: Environment, steering: Steering, others: Any) -> Any:

@@ -180,7 +180,7 @@ class LockTask(Wrapper):
         self._points = {name: float(check_value(name, value, Points)) for name, value in points.items()}
         self.radius = float(check_value("radius", radius, Positive))
         self._offset = CORNERS if check_bool("from_corners", from_corners) else 0.0
-        self._module = next(m for m in self.base.movables if m.kind == kind)
+        self.module = next(m for m in self.base.movables if m.kind == kind)
 
     def begin(self, key: jax.Array, params: DomainParams) -> State:
         state = self.env.begin(key, params)
@@ -213,7 +213,7 @@ class LockTask(Wrapper):
     def _progress(self, state: State, spawn: jax.Array) -> Progress:
         agent = self._agent(state)
         unlocked = state.world.active[self.kind] & ~self._locked(state)
-        objects = state.data.qpos[self._module.qpos_ids[:, :2]]
+        objects = state.data.qpos[self.module.qpos_ids[:, :2]]
         gaps = jnp.linalg.norm(agent - objects + self._offset, axis=1)
         first = jnp.argmax(unlocked) if self.in_order else jnp.argmin(jnp.where(unlocked, gaps, jnp.inf))
         there = unlocked.any()

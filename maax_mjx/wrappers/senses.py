@@ -36,9 +36,9 @@ class _Senses(StateWrapper):
         return Rays(self.base.model, self.base.overlay)
 
     def _eyes(self, state: State) -> tuple[jax.Array, jax.Array]:
-        """Returns (n_agents, 3) metres, the agents' eyes, and (n_agents,) radians, their headings: yaw - pi / 2."""
+        """Returns (n_agents, 3) metres, the agents' eyes, and (n_agents,) radians, their headings."""
         agents = self.base.agents
-        return state.data.xpos[agents.body_ids], state.data.qpos[agents.qpos_ids[:, 3]] - jnp.pi / 2
+        return state.data.xpos[agents.body_ids], agents.headings(state.data)
 
 
 class LineOfSight(_Senses):

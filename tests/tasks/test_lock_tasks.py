@@ -11,6 +11,8 @@ import pytest
 from helpers import seeds, transfer_oracle
 
 import maax_mjx as maax
+from maax_mjx.tasks import walking
+from maax_mjx.training.opponents import SCRIPTED
 
 KINDS = ("all", "order", "all-return", "order-return")
 STEPS = 60
@@ -135,3 +137,54 @@ def test_what_does_not_fit_is_refused():
         maax.LockTogether(maax.LockObjects(inner, ("box",), per_object=False))
     with pytest.raises(ValueError, match="success: got -1"):
         maax.make("lock_and_return", **{"task.success": -1.0})
+
+
+@pytest.mark.slow
+def test_a_script_locks_and_returns():
+    """Through the doors of six rooms, in every world, and stays where it gets a point at every step."""
+    env = maax.make("lock_and_return", impl="c")
+    play = SCRIPTED["lock_and_return"].on(env)
+    worlds = maax.Worlds(env, 8)
+
+    def policy(state, key):
+        return play(state, key, (), ())[0]
+
+    _, kept = worlds.rollout(worlds.reset(seeds.key(0)), policy, 118, keep=("reward", "mechanics.locks.locked"))
+    reward = np.asarray(kept["reward"])[..., 0]
+    assert np.asarray(kept["mechanics.locks.locked"])[-1].all()
+    np.testing.assert_array_equal(reward.max(axis=0) > 5, True)
+    np.testing.assert_allclose(reward[-1], 1, atol=0.05)
+    with pytest.raises(ValueError, match="lock_and_return: got a game without LockTask"):
+        SCRIPTED["lock_and_return"].on(maax.make("tag", impl="c"))
+
+
+def test_ways_lead_around_walls():
+    """Longer than the straight line where a wall is between, and as long as SciPy's shortest paths over the cells."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+
+    env = maax.make("lock_and_return", impl="c")
+    state = env.reset(seeds.key(2))
+    goal = np.asarray(state.data.qpos[env.base.modules["box"].qpos_ids[0, :2]])
+    far = np.asarray(walking.ways(state.world.plan, jnp.asarray(goal)))
+    n, cell = walking.CELLS, 6.0 / walking.CELLS
+    free = np.isfinite(far)
+    middles = (np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), -1) + 0.5) * cell
+    away = np.linalg.norm(middles - goal, axis=-1)
+    edges = []
+    for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = np.argwhere(free)
+        b = a + np.array([i, j])
+        inside = ((b >= 0) & (b < n)).all(axis=1)
+        a, b = a[inside], b[inside]
+        both = free[tuple(b.T)]
+        edges.append((a[both] @ [n, 1], b[both] @ [n, 1], np.full(both.sum(), cell * np.hypot(i, j))))
+    start = np.argwhere(free & (away < walking.NEAR * cell))
+    edges.append((np.full(len(start), n * n), start @ [n, 1], away[tuple(start.T)]))
+    rows, columns, lengths = (np.concatenate(x) for x in zip(*edges, strict=True))
+    graph = coo_matrix((lengths, (rows, columns)), shape=(n * n + 1, n * n + 1)).tocsr()
+    wanted = dijkstra(graph, directed=False, indices=n * n)[:-1].reshape(n, n)
+    np.testing.assert_allclose(far[free], wanted[free], rtol=1e-5)
+    assert free.mean() > 0.5
+    assert (far[free] >= away[free] - 1e-5).all()
+    assert (far[free] > 1.5 * away[free]).any()

@@ -1,0 +1,89 @@
+"""Scripted agents that find their way through rooms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from maax_mjx.core.env import Environment
+from maax_mjx.core.state import State
+from maax_mjx.layout.plan import RoomPlan
+from maax_mjx.wrappers.enclosure import walls_of
+from maax_mjx.wrappers.lock_tasks import LockTask
+from maax_mjx.wrappers.wrapper import find
+
+CELLS = 60
+"""Cells along an edge of the floor in which ways are looked for."""
+ROOM = 0.19
+"""Metres that an agent's middle keeps from walls: its radius, and a little."""
+NEAR = 4
+"""Cells around a goal from which an agent goes straight to it."""
+STEPS = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+AHEAD = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if i or j])
+"""Cells around an agent's own, of which it goes to the nearest to its goal."""
+PUSH, SLOWER = 0.6, 2.5
+"""Share of full force on the way, and for each metre near the goal: agents soon go as fast as they are pushed."""
+TURN = 1.0
+"""Torque for a radian that is missing."""
+
+
+def ways(plan: RoomPlan, goal: jax.Array) -> jax.Array:
+    """Returns how far it is from the middle of every cell to a goal, around walls: (CELLS, CELLS) metres.
+
+    Args:
+        plan: of the rooms.
+        goal: (2,) metres. It counts as reached from the cells around it; infinite where it cannot be reached.
+    """
+    cell = plan.floor_size / CELLS
+    middles = (jnp.arange(CELLS) + 0.5) * cell
+    points = jnp.stack(jnp.meshgrid(middles, middles, indexing="ij"), axis=-1)
+    free = walls_of(plan).clearance(points) >= ROOM
+    away = jnp.linalg.norm(points - goal, axis=-1)
+    start = jnp.where(free & (away < NEAR * cell), away, jnp.inf)
+    lengths = np.linalg.norm(STEPS, axis=1)
+
+    def relax(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        far, _ = carry
+        padded = jnp.pad(far, 1, constant_values=jnp.inf)
+        beside = [padded[1 + i : 1 + i + CELLS, 1 + j : 1 + j + CELLS] for i, j in STEPS]
+        found = jnp.stack([x + length * cell for x, length in zip(beside, lengths, strict=True)]).min(axis=0)
+        after = jnp.where(free, jnp.minimum(far, found), jnp.inf)
+        return after, (after < far).any()
+
+    return jax.lax.while_loop(lambda carry: carry[1], relax, (start, jnp.ones((), bool)))[0]
+
+
+def walk(state: State, env: Environment, agent: int, goal: jax.Array) -> jax.Array:
+    """Returns forces (3,) of an agent that walks to a goal (2,), around walls, and looks where it goes."""
+    agents, plan = env.base.agents, state.world.plan
+    here, cell = state.data.qpos[agents.qpos_ids[agent, :2]], plan.floor_size / CELLS
+    at = jnp.clip((here / cell).astype(jnp.int32) + AHEAD, 0, CELLS - 1)
+    far = ways(plan, goal)[at[:, 0], at[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell
+    near = jnp.linalg.norm(goal - here) < NEAR * cell
+    to = jnp.where(near, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here
+    away = jnp.linalg.norm(to)
+    push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(PUSH, SLOWER * away), PUSH)
+    off = jnp.arctan2(to[1], to[0]) - agents.headings(state.data)[agent]
+    torque = jnp.where(away < 0.1, 0.0, TURN * jnp.arctan2(jnp.sin(off), jnp.cos(off)))
+    return jnp.append(push, jnp.clip(torque, -1, 1))
+
+
+def lock_and_return(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, dict[str, Any]]:
+    """Returns the actions of an agent that locks what `LockTask` has next, and goes back where it began.
+
+    Returns:
+        Forces (3,); and "lock", () {0, 1}.
+
+    Raises:
+        ValueError: an environment without `LockTask`.
+    """
+    task = find(env, LockTask)
+    if task is None:
+        raise ValueError(f"lock_and_return: got {env!r}; takes a game with LockTask")
+    progress = state.mechanics[task.name]
+    objects = state.data.qpos[task.module.qpos_ids[:, :2]]
+    goal = jnp.where(progress.target >= 0, objects[progress.target], progress.spawn)
+    return walk(state, env, agent, goal), {"lock": jnp.ones((), jnp.int32)}
