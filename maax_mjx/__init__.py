@@ -25,6 +25,7 @@ from maax_mjx.layout import (  # noqa: E402
     outside_quad_placement,
     poisson_disc,
     proximity_placement,
+    published_middle_placement,
     quad_placement,
     register_placement,
     register_scenario,
@@ -52,6 +53,7 @@ from maax_mjx.parallel import Checkpoints, Recording, Worlds, WorldsState, load_
 from maax_mjx.parallel.curriculum import Curriculum  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError, register_engine  # noqa: E402
 from maax_mjx.tasks import (  # noqa: E402
+    BlueprintConfig,
     CaptureTheFlagConfig,
     FullConfig,
     GameConfig,
@@ -78,6 +80,7 @@ from maax_mjx.worldgen import WorldParams  # noqa: E402
 from maax_mjx.wrappers import (  # noqa: E402
     ActionWrapper,
     AgentAgentContactMask2D,
+    BlueprintReward,
     CaptureTheFlag,
     ConcatenateObservations,
     CriticObservations,
@@ -118,6 +121,8 @@ __all__ = [
     "AgentAgentContactMask2D",
     "Agents",
     "Base",
+    "BlueprintConfig",
+    "BlueprintReward",
     "Boxes",
     "CaptureTheFlag",
     "CaptureTheFlagConfig",
@@ -208,6 +213,7 @@ __all__ = [
     "play",
     "poisson_disc",
     "proximity_placement",
+    "published_middle_placement",
     "quad_placement",
     "record",
     "register",

@@ -149,14 +149,34 @@ def middle_placement(fraction: float) -> PlacementFn:
     Raises:
         ValueError: a fraction outside (0, 1].
     """
-    if not isinstance(fraction, int | float) or isinstance(fraction, bool) or not 0 < fraction <= 1:
-        raise ValueError(f"fraction: got {fraction!r}; takes a number above 0, up to 1")
+    fraction = _check_fraction(fraction)
 
     def region(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
         margin = int(grid_size * (1 - fraction) / 2 + 1e-6)
         return np.full(2, margin), np.full(2, grid_size - margin)
 
     return _within_region(f"middle_placement({fraction:g})", region)
+
+
+@made
+def published_middle_placement(fraction: float) -> PlacementFn:
+    """A placement around the middle of the floor, in the range of cells of OpenAI's `uniform_placement_middle`.
+
+    The lowest cell of an object of s cells, on a grid of G, is from int((G - s) (1 - f) / 2 + f) to
+    int((G - s) (1 + f) / 2 - f) - 1: a little less than `middle_placement` allows, and more to the lower left.
+
+    Raises:
+        ValueError: a fraction outside (0, 1].
+    """
+    fraction = _check_fraction(fraction)
+
+    def region(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
+        free = grid_size - cells
+        low = (free * (1 - fraction) / 2 + fraction).astype(np.int32)
+        high = (free * (1 + fraction) / 2 - fraction).astype(np.int32) - 1
+        return low, high + cells
+
+    return _within_region(f"published_middle_placement({fraction:g})", region)
 
 
 @made
@@ -261,6 +281,12 @@ def _combined(name: str, fns: tuple[PlacementFn, ...], combine: Callable) -> Pla
     placement.__name__ = f"{name}({', '.join(map(name_of, fns))})"
     needs_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in fns)
     return requires_quadrant(placement) if needs_quadrant else placement
+
+
+def _check_fraction(fraction: float) -> float:
+    if not isinstance(fraction, int | float) or isinstance(fraction, bool) or not 0 < fraction <= 1:
+        raise ValueError(f"fraction: got {fraction!r}; takes a number above 0, up to 1")
+    return fraction
 
 
 def _within_region(name: str, region: Region) -> PlacementFn:

@@ -152,11 +152,13 @@ class ConstructionSites(Sites):
         if not self.n_max:
             return {}
         obs = super().observation_step(world, data)
-        flat = self.extents_of(world)[:, None, :2] * CORNERS
-        offset = jnp.pad(flat, ((0, 0), (0, 0), (0, 1)))
-        corners = world.sites[self.kind][:, None] + offset
         active = world.active[self.kind][:, None, None]
-        return obs | {f"{self.kind}_corner_pos": jnp.where(active, corners, 0.0)}
+        return obs | {f"{self.kind}_corner_pos": jnp.where(active, self.corners(world), 0.0)}
+
+    def corners(self, world: World) -> jax.Array:
+        """Returns the four corners of every site: (n_max, 4, 3) metres; those of absent sites mean nothing."""
+        flat = self.extents_of(world)[:, None, :2] * CORNERS
+        return world.sites[self.kind][:, None] + jnp.pad(flat, ((0, 0), (0, 0), (0, 1)))
 
     def declared(self) -> dict[str, Observed]:
         corners = {f"{self.kind}_corner_pos": Observed((self.kind, "corner"), POSITION)} if self.n_max else {}

@@ -16,6 +16,7 @@ from maax_mjx.tasks.observe import observed_by_agents
 from maax_mjx.tasks.registry import check_game, config_of, jitted, make, register, tasks
 from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, standard, world
 from maax_mjx.tasks.tag import TagConfig, tag
+from maax_mjx.tasks.transfer.blueprint import BlueprintConfig, blueprint
 from maax_mjx.tasks.transfer.locks import LockAndReturnConfig, LockTaskConfig, SequentialLockConfig, lock_task
 
 register("standard", standard, StandardConfig)
@@ -24,10 +25,12 @@ register("hide_and_seek_quadrant", hide_and_seek, QuadrantConfig)
 register("hide_and_seek_full", hide_and_seek, FullConfig)
 register("tag", tag, TagConfig)
 register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
+register("blueprint", blueprint, BlueprintConfig)
 register("lock_and_return", lock_task, LockAndReturnConfig)
 register("sequential_lock", lock_task, SequentialLockConfig)
 
 __all__ = [
+    "BlueprintConfig",
     "CaptureTheFlagConfig",
     "FullConfig",
     "GameConfig",
@@ -43,6 +46,7 @@ __all__ = [
     "StandardConfig",
     "TagConfig",
     "WorldConfig",
+    "blueprint",
     "capture_the_flag",
     "check_game",
     "config_of",

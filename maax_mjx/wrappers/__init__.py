@@ -1,6 +1,7 @@
 """Wrappers: the rules of games, observations, actions and rewards."""
 
 from maax_mjx.wrappers.actions import DiscretizeActions
+from maax_mjx.wrappers.blueprint import BlueprintReward
 from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.critic import CriticObservations
@@ -33,6 +34,7 @@ from maax_mjx.wrappers.wrapper import (
 __all__ = [
     "ActionWrapper",
     "AgentAgentContactMask2D",
+    "BlueprintReward",
     "CaptureTheFlag",
     "ConcatenateObservations",
     "CriticObservations",

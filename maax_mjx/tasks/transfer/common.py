@@ -7,6 +7,7 @@ from typing import Annotated
 
 from maax_mjx.common.annotated import NonNegativeRange, OneOf, PositiveCount, PositiveRange
 from maax_mjx.core.env import Environment
+from maax_mjx.modules import Module
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
 from maax_mjx.tasks.standard import GameConfig, Placement, ScenarioNames, Side, world
@@ -56,10 +57,12 @@ class TransferConfig(GameConfig):
     observations: Annotated[str, OneOf(OBSERVATIONS)] = "split"
 
 
-def one_agent(config: TransferConfig) -> Environment:
-    """Builds the world of a config, with an agent that sees, locks and grabs."""
-    side = Side(HIDERS, 1, config.agent_placement, "agent_placement")
-    env: Environment = AgentAgentContactMask2D(TeamMembership(world(config, (side,))))
+def one_agent(config: TransferConfig, *modules: Module) -> Environment:
+    """Builds the world of a config, and further modules, with an agent that sees, locks and grabs."""
+    base = world(config, (Side(HIDERS, 1, config.agent_placement, "agent_placement"),))
+    for module in modules:
+        base.add_module(module)
+    env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     env = LineOfSight(env, config.cone)
     if config.lidar is not None:
         frame = "agent" if config.observations == "ego" else "world"

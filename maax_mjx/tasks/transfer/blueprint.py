@@ -1,0 +1,63 @@
+"""Construction from a blueprint, by the published code (`envs/blueprint_construction.py`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from maax_mjx.common.annotated import Bounds, NonNegativeRange, Positive, PositiveCount
+from maax_mjx.core.env import Environment
+from maax_mjx.layout import published_middle_placement
+from maax_mjx.modules import ConstructionSites
+from maax_mjx.modules.placed import MOST
+from maax_mjx.tasks.config import Config
+from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig, arguments
+from maax_mjx.tasks.standard import Number
+from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
+from maax_mjx.wrappers import BlueprintReward
+
+Share = Annotated[float, Bounds(0, 1, above=True)]
+Weight = Annotated[float, Bounds(0)]
+Sites = Annotated[int | tuple[int, int], Bounds(1, MOST)]
+
+
+@dataclass(frozen=True)
+class BlueprintRewardConfig(Config):
+    """Arguments of `BlueprintReward`."""
+
+    scale: Weight = 0.05
+    steepness: Annotated[float, Bounds(-1000, 0)] = -1.5
+    completed: Weight = 3.0
+    radius: Positive = 0.1
+
+
+@dataclass(frozen=True)
+class BlueprintConfig(TransferConfig):
+    """`blueprint.jsonnet`: eight boxes, of which some are to be brought to 1 to 4 sites; then the episode ends.
+
+    Attributes:
+        n_sites: construction sites of a world, or (low, high).
+        site_middle: how near to the middle they are; see `published_middle_placement`.
+        task: arguments of the reward.
+    """
+
+    n_boxes: Number = 8
+    n_ramps: Number = 0
+    n_sites: Sites = (1, 4)
+    site_middle: Share = 0.85
+    wall_friction: NonNegativeRange | None = 0.01
+    horizon: PositiveCount = 150
+    lock: LockConfig = field(default_factory=lambda: LockConfig(objects=("box",), in_vision_only=True))
+    grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(objects=("box",), in_vision_only=True))
+    task: BlueprintRewardConfig = field(default_factory=BlueprintRewardConfig)
+
+
+def blueprint(config: BlueprintConfig) -> Environment:
+    """Builds the blueprint task.
+
+    Raises:
+        ValueError: a config that the world or the wrappers refuse.
+    """
+    sites = ConstructionSites(config.n_sites, placement_fn=published_middle_placement(config.site_middle))
+    env = BlueprintReward(one_agent(config, sites), **arguments(config.task))
+    return as_in_hide_and_seek(env, config)
