@@ -13,11 +13,13 @@ import tyro
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, names
 from maax_mjx.common.annotated import Bounds, check_fields
+from maax_mjx.common.checks import check_choice
 from maax_mjx.physics import impls
 from maax_mjx.training.evaluate import player_of
 from maax_mjx.training.policy import Policy
 from maax_mjx.viewer.live import is_open, play
 from maax_mjx.viewer.nodes import HERE
+from maax_mjx.viewer.panel import NOBODY
 
 
 @dataclass
@@ -69,6 +71,8 @@ def run_play(args: Play, overrides: Mapping[str, str]) -> None:
             overrides = as_learnt(args.env, player) | dict(overrides)
     with Interrupt():
         env = make_env(args.env, args.impl, overrides)
+        if args.agent is not None:
+            check_choice("agent", args.agent, [*env.agent_names, NOBODY])
         print("compiling", file=sys.stderr, flush=True)
         live = play(
             env, policy, opponents, agent=args.agent, seed=args.seed, host=args.host, port=args.port

@@ -24,7 +24,7 @@ class Replay:
     """Makes a page (.html), a film (.mp4, .gif) or a picture of the last moment (.png) of a saved rollout."""
 
     file: tyro.conf.Positional[Path]
-    """The rollout.npz that maax-mjx rollout wrote."""
+    """The rollout.npz that maax-mjx rollout wrote, or a fault of --keep-faults, faults/0.npz."""
     out: Path | None = None
     """File to write, whose ending decides the kind; by default the input's name with .html."""
     worlds: tuple[int, ...] = ()

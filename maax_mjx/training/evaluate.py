@@ -190,7 +190,7 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
         return SCRIPTED[given]
     if isinstance(given, Policy | Scripted):
         return given
-    if not isinstance(given, str | Path):
+    if not isinstance(given, str | Path) or not str(given):
         raise ValueError(f"{argument}: got {described(given)}; takes a policy, a file, or one of {sorted(SCRIPTED)}")
     text, at, steps = str(given).rpartition("@")
     if at and not Path(given).exists():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+TINY = 60
+"""Pixels of a tile below which they have none."""
 LINE = 1.4
 """Height of a line of words over that of its letters."""
 SMALLEST, LARGEST = 9, 20
@@ -45,6 +47,11 @@ class Gallery(NamedTuple):
     def is_narrow(self) -> bool:
         """Whether there is no room for agents' whole names."""
         return min(self.tile) < NARROW
+
+    @property
+    def has_names(self) -> bool:
+        """Whether there is room for names at all."""
+        return min(self.tile) >= TINY
 
     def corner(self, i: int) -> tuple[int, int]:
         """Pixels from the upper left to where a world's tile begins, its strip included."""

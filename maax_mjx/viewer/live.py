@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import ipaddress
+import socket
 import time
 from threading import Event, Thread
 from typing import Annotated, Any, Self
@@ -26,7 +29,7 @@ from maax_mjx.viewer.steering import WAYS, Steering, steered
 FPS = 30
 HEIGHT = 600
 SHAPE_OF_PAGE = (11, 10)
-"""Without the controls, which lie over its right."""
+"""Without the controls on its right."""
 IDLE = 0.03
 """Seconds between looks at the controls while the world stands still."""
 REST = 1.5
@@ -68,10 +71,10 @@ def play(
         lidar: whether to show the rays of `Lidar`, at first; likewise.
         host: the address that the page is served at; the default is for this machine alone. With "0.0.0.0" whoever
             reaches this machine can watch and steer, without a password.
-        port: 0 takes a free one.
+        port: of the page, or the next one that is free; 0 takes any free one.
 
     Raises:
-        ValueError: an argument out of its range, or a policy that does not fit.
+        ValueError: an argument out of its range, an address that is not of this machine, or a policy that does not fit.
         MissingLibraryError: viser is not installed.
     """
     check_environment(env)
@@ -84,13 +87,45 @@ def play(
         Stage(env, **{name: True})
     mine = player_of("policy", policy)
     theirs = mine if opponents is None else player_of("opponents", opponents)
-    game = Play(env, (mine, theirs), seed)
-    return Live(game, agent, shown, open_server("play", str(host), port))
+    check_host(host)
+    server = open_server("play", host, port)
+    try:
+        return Live(Play(env, (mine, theirs), seed), agent, shown, server)
+    except BaseException:
+        stop_server(server)
+        raise
+
+
+def check_host(host: Any) -> str:
+    """Returns an address if this machine can listen at it.
+
+    Raises:
+        ValueError: no text, or another machine's.
+    """
+    takes = f"takes an address of this machine, such as {HERE}, or 0.0.0.0 for all of them"
+    if not isinstance(host, str) or not host:
+        raise ValueError(f"host: got {host!r}; {takes}")
+    try:
+        kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(kind, socket.SOCK_STREAM) as probe:
+            probe.bind(address)
+    except OSError as error:
+        raise ValueError(f"host: got {host!r}, where nothing can be served ({error}); {takes}") from None
+    return host
 
 
 def is_open(host: str) -> bool:
-    """Whether others than this machine can reach an address."""
-    return host not in (HERE, "localhost", "::1")
+    """Whether others than this machine can reach an address of it."""
+    found = ipaddress.ip_address(socket.getaddrinfo(host, 0)[0][4][0])
+    return not found.is_loopback
+
+
+def url_of(host: str, port: int) -> str:
+    """The page's address on this machine."""
+    found = ipaddress.ip_address(socket.getaddrinfo(host, 0)[0][4][0])
+    # What listens at all addresses is reached at this machine's own.
+    where = HERE if found.is_unspecified else str(found)
+    return f"http://[{where}]:{port}" if ":" in where else f"http://{where}:{port}"
 
 
 class Play:
@@ -190,11 +225,10 @@ class Live:
         env = game.env
         self.game, self._server = game, server
         self.port = server.get_port()
-        # What listens at all addresses is reached at this machine's own.
-        self.url = f"http://{HERE if is_open(server.get_host()) else server.get_host()}:{self.port}"
+        self.url = url_of(server.get_host(), self.port)
         self._stages: dict[tuple[str, ...], Stage] = {(): Stage(env)}
         self._panel = Panel(
-            server.gui,
+            server,
             env.agent_names,
             agent,
             env.base.parameters.values(),
@@ -210,6 +244,8 @@ class Live:
         self._error: Exception | None = None
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
+        # Python must not end while the thread is in compiled code.
+        atexit.register(self.stop)
 
     def _stage(self, senses: tuple[str, ...]) -> Stage | None:
         """A stage that shows senses; None if the environment has not got them."""
@@ -246,7 +282,8 @@ class Live:
         before = game.state
         game.step(panel.slot, panel.keyboard.held)
         if game.ended:
-            panel.say(f"**The episode is over**: {game.score()}")
+            game.steering.release()
+            panel.say(f"**The episode is over**: an agent of {game.score()}")
             self._stopped.wait(REST)
             self._nodes.clear()
             return
@@ -267,8 +304,10 @@ class Live:
             frame = frame._replace(labels=labels)
         self._nodes.show(0, frame, ORIGIN)
         self._nodes.next()
-        turned_on = ", ".join(f"{name} is on" for name, is_on in on.items() if is_on)
-        panel.say(f"{self.game.score()}{' · ' if turned_on else ''}{turned_on}{' · paused' if panel.paused else ''}")
+        said = [f"**{name} is on**" for name, is_on in on.items() if is_on] + ["paused"] * panel.paused
+        if panel.slot >= 0 and not state.active[panel.slot]:
+            said = [f"{self.game.env.agent_names[panel.slot]} is not in this world", *said]
+        panel.say(", ".join(said) or "playing")
 
     def wait(self, seconds: float | None = None) -> None:
         """Waits until the page is ended, for so long at most.
@@ -282,6 +321,7 @@ class Live:
 
     def stop(self) -> None:
         """Ends the page."""
+        atexit.unregister(self.stop)
         self._stopped.set()
         self._thread.join()
         stop_server(self._server)

@@ -20,7 +20,7 @@ class Panel:
     """Buttons, sliders and keys of a page, which only say what is wanted.
 
     Args:
-        gui: of viser's server.
+        server: of viser.
         agents: names of the agents.
         agent: who is steered first.
         parameters: what worlds are drawn from.
@@ -36,7 +36,7 @@ class Panel:
 
     def __init__(
         self,
-        gui: Any,
+        server: Any,
         agents: Sequence[str],
         agent: str,
         parameters: Collection[Parameter],
@@ -47,6 +47,10 @@ class Panel:
     ):
         self.paused = False
         self._params, self._changed, self._steps, self._next = params, False, 0, False
+        gui = server.gui
+        # Beside the world, and always there: what keys say goes through it.
+        gui.main_panel.dock_right()
+        gui.configure_theme(show_logo=False, show_share_button=False)
         self._agents = [*agents, NOBODY]
         self._words = gui.add_markdown("")
         self._agent = gui.add_dropdown("Steer", self._agents, initial_value=agent)
@@ -56,7 +60,7 @@ class Panel:
         gui.add_button("One step").on_click(lambda _: self._one_step())
         gui.add_button("Next world").on_click(lambda _: self._ask_next())
         self._senses = {name: gui.add_checkbox(f"Show {name}", on) for name, on in senses.items()}
-        self.keyboard = Keyboard(gui, [*keys, PAUSE, STEP, NEXT])
+        self.keyboard = Keyboard(server, [*keys, PAUSE, STEP, NEXT])
         with gui.add_folder("Worlds, from the next one on", expand_by_default=False):
             for parameter in parameters:
                 self._slider(gui, parameter, np.asarray(params[parameter.name]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -211,23 +212,26 @@ class Solid:
         edged: dict[str, Any] = {"stroke_width": 2, "stroke_fill": "white"}
         for i, frame in enumerate(frames):
             x, y = gallery.corner(i)
-            for label in frame.labels:
+            for label in frame.labels if gallery.has_names else ():
                 at = self._camera.project(label.position[None], gallery.tile)[0] + (x, y + gallery.strip)
                 is_short = label.role == "name" and gallery.is_narrow
                 text, anchor = (initials(label.text), "mb") if is_short else (label.text, "mm")
                 colour = as_bytes(blend(label.rgba, EYE, 0.25))
                 pen.text(tuple(at), text, fill=colour, font=small, anchor=anchor, **edged)
-            lines = gallery.fitting(frame.text)
-            if gallery.strip:
-                lines = [_cut(line, large, gallery.tile[0] - 6) for line in lines]
-            at = (x + 4, y + 1) if gallery.strip else (12, 8)
-            pen.multiline_text(at, "\n".join(lines), fill=as_bytes(DARK), font=large, spacing=1, **edged)
+            if not gallery.strip:
+                pen.multiline_text((12, 8), "\n".join(frame.text), fill=as_bytes(DARK), font=large, spacing=1, **edged)
+                continue
+            # A picture of its own, over whose edge no word goes.
+            strip = Image.new("RGB", (gallery.tile[0], gallery.strip), as_bytes(SKY))
+            lines = [_cut(line, large, gallery.tile[0] - 6) for line in gallery.fitting(frame.text)]
+            ImageDraw.Draw(strip).multiline_text((4, 1), "\n".join(lines), fill=as_bytes(DARK), font=large, spacing=2)
+            picture.paste(strip, (x, y))
         return np.asarray(picture).copy()
 
 
 def _cut(line: str, font: Any, width: int) -> str:
-    """The words of a line that fit into a width in pixels, the first one at least."""
-    words = line.split(" ")
-    while len(words) > 1 and font.getlength(" ".join(words)) > width:
-        words.pop()
-    return " ".join(words).rstrip(" ,")
+    """The phrases of a line, which are some blanks apart, that fit into a width in pixels, the first one at least."""
+    phrases = re.split(r"\s{2,}", line)
+    while len(phrases) > 1 and font.getlength("   ".join(phrases)) > width:
+        phrases.pop()
+    return "   ".join(phrases)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from types import SimpleNamespace
 
@@ -32,18 +34,26 @@ def game(env):
     return Play(env, (SCRIPTED["still"], SCRIPTED["still"]), seed=0)
 
 
-class Gui:
-    """What a keyboard adds to a page, and nothing else."""
+class Server:
+    """What a keyboard asks of a server, and nothing else."""
 
-    def add_text(self, label, value, hint):
-        return SimpleNamespace(on_update=lambda function: None)
+    def __init__(self):
+        self.gui = self
+        self.field = SimpleNamespace(value="", on_update=lambda function: None)
+
+    def add_text(self, label, value):
+        return self.field
 
     def add_html(self, content):
         self.html = content
 
+    def on_client_disconnect(self, function):
+        self.gone = function
+
 
 def test_a_keyboard_knows_what_is_held_and_what_was_pressed():
-    keyboard = Keyboard(Gui(), CODES)
+    server = Server()
+    keyboard = Keyboard(server, CODES)
     keyboard.told(f"{BEGIN} KeyW KeyW:1")
     keyboard.told(f"{BEGIN} KeyW Space KeyZ KeyW:1 Space:1 KeyZ:1")
     assert keyboard.held == {"KeyW", "Space"}, "a key that nobody listens to is not held"
@@ -53,10 +63,14 @@ def test_a_keyboard_knows_what_is_held_and_what_was_pressed():
     assert keyboard.held == set()
     assert keyboard.pressed() == ["Space"] * 3
     assert keyboard.pressed() == []
-    keyboard.told(f"{BEGIN} KeyG:1", page=1)
-    assert keyboard.pressed() == ["KeyG"]
+    keyboard.told(f"{BEGIN} KeyG KeyG:1", page=1)
+    keyboard.told(f"{BEGIN} KeyW KeyW:2 Space:4")
+    assert keyboard.pressed() == ["KeyG", "KeyW"]
+    assert keyboard.held == {"KeyG", "KeyW"}, "of all pages"
+    server.gone(SimpleNamespace(client_id=1))
+    assert keyboard.held == {"KeyW"}
     keyboard.told("something that a person typed")
-    assert keyboard.pressed() == []
+    assert (keyboard.pressed(), server.field.value) == ([], BEGIN)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +163,7 @@ def test_a_person_plays_with_real_keys(env, tmp_path, game, monkeypatch):
         panel = live._panel
         driver.set_window_size(1000, 700)
         driver.get(live.url)
-        until(lambda: driver.find_elements(By.TAG_NAME, "canvas") and "hiders" in panel._words.content)
+        until(lambda: driver.find_elements(By.TAG_NAME, "canvas") and panel._words.content == "playing")
         until(lambda: any(one.get_attribute("value") == BEGIN for one in driver.find_elements(By.TAG_NAME, "input")))
         # The page's handlers are there once the image has failed.
         time.sleep(1)
@@ -175,15 +189,61 @@ def test_a_person_plays_with_real_keys(env, tmp_path, game, monkeypatch):
         until(lambda: "grab is on" in driver.find_element(By.TAG_NAME, "body").text)
         words = driver.find_element(By.TAG_NAME, "body").text
         assert {"Show vision", "Show lidar", "Next world"} <= set(words.split("\n"))
+        assert "Keys that are held" not in words
+        # A click on a box leaves the keys as they are, and so does what is written where nobody sees it.
+        row = "let x = arguments[0]; while (!x.textContent.includes('Show')) x = x.parentElement; return x.textContent"
+        boxes = driver.find_elements(By.CSS_SELECTOR, "input[type=checkbox]")
+        (box,) = [one for one in boxes if driver.execute_script(row, one) == "Show lidar"]
+        driver.execute_script("arguments[0].focus(); arguments[0].click()", box)
+        until(lambda: panel.shows("lidar"))
+        panel.keyboard.told("something else")
+        ActionChains(driver).key_down("w").perform()
+        until(lambda: "KeyW" in panel.keyboard.held)
+        driver.refresh()
+        until(lambda: not panel.keyboard.held)
+        until(
+            lambda: (
+                "n_boxes" not in driver.find_element(By.TAG_NAME, "body").text and "Next world" in driver.page_source
+            )
+        )
         assert not panel.changed
         driver.find_element(By.XPATH, "//*[contains(text(), 'Worlds, from')]").click()
         until(lambda: "n_boxes" in driver.find_element(By.TAG_NAME, "body").text)
     assert not live._thread.is_alive()
 
 
+@pytest.mark.slow
+def test_a_script_may_end_without_an_end():
+    """Python would crash while the thread is in compiled code."""
+    code = """
+import time
+import maax_mjx as maax
+live = maax.play(maax.make("tag", impl="c", n_boxes=0, n_ramps=0, scenario="empty"), "still")
+time.sleep(0.5)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("host", "url", "opened"),
+    [
+        ("127.0.0.1", "http://127.0.0.1:80", False),
+        ("127.0.0.2", "http://127.0.0.2:80", False),
+        ("localhost", "http://127.0.0.1:80", False),
+        ("::1", "http://[::1]:80", False),
+        ("0.0.0.0", "http://127.0.0.1:80", True),
+    ],
+)
+def test_addresses(host, url, opened):
+    assert (live_module.url_of(host, 80).replace("[::1]", "[::1]"), live_module.is_open(host)) == (url, opened)
+
+
 def test_what_is_refused(env):
     for argument, value in (
-        ("agent", "hider_9"), ("policy", "nobody"), ("opponents", 3), ("seed", -1), ("vision", "yes"), ("port", 70000)
+        ("agent", "hider_9"), ("policy", "nobody"), ("opponents", 3), ("opponents", ""), ("seed", -1),
+        ("vision", "yes"), ("port", 70000), ("host", "nonsense.invalid"), ("host", 3), ("host", ""),
+        ("host", "192.0.2.1"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=f"{argument}: got"):
             maax.play(env, **{argument: value})
