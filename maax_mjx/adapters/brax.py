@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-
 from maax_mjx.adapters.team import OneTeam
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
@@ -39,32 +36,8 @@ def brax(env: Environment, team: str | None = None, policy: Any = None) -> Any:
         raise MissingLibraryError(f"brax: needs Brax; {brought_by('brax')}") from error
     of = OneTeam(env, team, policy)
 
-    class Game(Env):
+    class Game(of.as_env(Env, BraxState, "pipeline_state")):  # type: ignore[misc]
         """One team of a game of maax_mjx."""
-
-        env = of.env
-
-        def reset(self, rng: jax.Array) -> Any:
-            inside = of.begin(rng)
-            return BraxState(inside, of.observation(inside), jnp.zeros(()), jnp.zeros(()), of.metrics(inside), {})
-
-        def step(self, state: Any, action: jax.Array) -> Any:
-            inside = of.step(state.pipeline_state, action)
-            return state.replace(
-                pipeline_state=inside,
-                obs=of.observation(inside),
-                reward=of.reward(inside),
-                done=of.done(inside),
-                metrics=state.metrics | of.metrics(inside),
-            )
-
-        @property
-        def observation_size(self) -> int:
-            return of.observation_size
-
-        @property
-        def action_size(self) -> int:
-            return of.action_size
 
         @property
         def backend(self) -> str:

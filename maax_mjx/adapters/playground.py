@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import mujoco
 
 from maax_mjx.adapters.team import OneTeam
@@ -42,36 +40,12 @@ def playground(env: Environment, team: str | None = None, policy: Any = None) ->
     of = OneTeam(env, team, policy)
     base = of.env.base
 
-    class Game(MjxEnv):
+    class Game(of.as_env(MjxEnv, PlaygroundState, "data")):  # type: ignore[misc]
         """One team of a game of maax_mjx."""
-
-        env = of.env
 
         def __init__(self) -> None:
             times = config_dict.create(ctrl_dt=base.dt, sim_dt=base.world_params.timestep)
             super().__init__(times)
-
-        def reset(self, rng: jax.Array) -> Any:
-            inside = of.begin(rng)
-            return PlaygroundState(inside, of.observation(inside), jnp.zeros(()), jnp.zeros(()), of.metrics(inside), {})
-
-        def step(self, state: Any, action: jax.Array) -> Any:
-            inside = of.step(state.data, action)
-            return state.replace(
-                data=inside,
-                obs=of.observation(inside),
-                reward=of.reward(inside),
-                done=of.done(inside),
-                metrics=state.metrics | of.metrics(inside),
-            )
-
-        @property
-        def observation_size(self) -> int:
-            return of.observation_size
-
-        @property
-        def action_size(self) -> int:
-            return of.action_size
 
         @property
         def xml_path(self) -> str:

@@ -123,3 +123,38 @@ class OneTeam:
     def metrics(self, inside: Inside) -> dict[str, jax.Array]:
         """Returns the game's numbers, float32."""
         return {name: jnp.asarray(x, jnp.float32).mean() for name, x in inside.state.metrics.items()}
+
+    def as_env(self, kind: Any, state_kind: Any, holds: str) -> Any:
+        """Returns a class of environments of a library in which it is the only agent.
+
+        Args:
+            kind: the library's base class of environments.
+            state_kind: the library's class of states, with `obs`, `reward`, `done`, `metrics` and `info`.
+            holds: name of the state's field that holds the world.
+        """
+        of = self
+
+        class Game(kind):
+            """One team of a game of maax_mjx."""
+
+            env = of.env
+
+            def reset(self, rng: jax.Array) -> Any:
+                inside = of.begin(rng)
+                shown = {"obs": of.observation(inside), "reward": jnp.zeros(()), "done": jnp.zeros(())}
+                return state_kind(**{holds: inside}, **shown, metrics=of.metrics(inside), info={})
+
+            def step(self, state: Any, action: jax.Array) -> Any:
+                inside = of.step(getattr(state, holds), action)
+                shown = {"obs": of.observation(inside), "reward": of.reward(inside), "done": of.done(inside)}
+                return state.replace(**{holds: inside}, **shown, metrics=state.metrics | of.metrics(inside))
+
+            @property
+            def observation_size(self) -> int:
+                return of.observation_size
+
+            @property
+            def action_size(self) -> int:
+                return of.action_size
+
+        return Game

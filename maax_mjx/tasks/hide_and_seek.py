@@ -190,10 +190,7 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     env = AgentAgentContactMask2D(env)
     if config.cone is not None:
         env = LineOfSight(env, config.cone)
-    if config.lidar is not None:
-        frame = "agent" if config.observations == "ego" else "world"
-        lidar = arguments(config.lidar)
-        env = Lidar(env, **lidar | {"frame": frame if config.lidar.frame is None else config.lidar.frame})
+    env = with_lidar(env, config.lidar, config.observations)
     if config.lock is not None:
         env = LockObjects(env, **arguments(config.lock))
     if config.grab is not None:
@@ -209,6 +206,14 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     if config.n_bins is not None:
         env = DiscretizeActions(env, config.n_bins)
     return observed_by_agents(env, config.observations, config.observe)
+
+
+def with_lidar(env: Environment, config: LidarConfig | None, observations: str) -> Environment:
+    """Adds the rays of a config, if there is one, in the frame that the way of observing suggests."""
+    if config is None:
+        return env
+    frame = "agent" if observations == "ego" else "world"
+    return Lidar(env, **arguments(config) | {"frame": frame if config.frame is None else config.frame})
 
 
 def arguments(group: Config) -> dict[str, Any]:

@@ -71,6 +71,18 @@ def walk(state: State, env: Environment, agent: int, goal: jax.Array) -> jax.Arr
     return jnp.append(push, jnp.clip(torque, -1, 1))
 
 
+def lock_task_of(env: Environment) -> LockTask:
+    """Returns the lock task of a game.
+
+    Raises:
+        ValueError: an environment without `LockTask`.
+    """
+    task = find(env, LockTask)
+    if task is None:
+        raise ValueError("lock_and_return: got a game without LockTask; takes lock_and_return")
+    return task
+
+
 def lock_and_return(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, dict[str, Any]]:
     """Returns the actions of an agent that locks what `LockTask` has next, and goes back where it began.
 
@@ -80,9 +92,7 @@ def lock_and_return(state: State, env: Environment, agent: int = 0) -> tuple[jax
     Raises:
         ValueError: an environment without `LockTask`.
     """
-    task = find(env, LockTask)
-    if task is None:
-        raise ValueError(f"lock_and_return: got {env!r}; takes a game with LockTask")
+    task = lock_task_of(env)
     progress = state.mechanics[task.name]
     objects = state.data.qpos[task.module.qpos_ids[:, :2]]
     goal = jnp.where(progress.target >= 0, objects[progress.target], progress.spawn)

@@ -116,16 +116,20 @@ def check_host(host: Any) -> str:
 
 def is_open(host: str) -> bool:
     """Whether others than this machine can reach an address of it."""
-    found = ipaddress.ip_address(socket.getaddrinfo(host, 0)[0][4][0])
-    return not found.is_loopback
+    return not _address(host).is_loopback
 
 
 def url_of(host: str, port: int) -> str:
     """The page's address on this machine."""
-    found = ipaddress.ip_address(socket.getaddrinfo(host, 0)[0][4][0])
+    found = _address(host)
     # What listens at all addresses is reached at this machine's own.
     where = HERE if found.is_unspecified else str(found)
     return f"http://[{where}]:{port}" if ":" in where else f"http://{where}:{port}"
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """The number of an address of this machine."""
+    return ipaddress.ip_address(socket.getaddrinfo(host, 0)[0][4][0])
 
 
 class Play:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.common.annotated import Bounds, Positive, check_value
+from maax_mjx.common.annotated import Bounds, NonNegative, Positive, check_value
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Boxes, ConstructionSites
@@ -15,7 +15,6 @@ from maax_mjx.modules.sites import CORNERS
 from maax_mjx.physics.rotation import rotate
 from maax_mjx.wrappers.wrapper import Wrapper
 
-Weight = Annotated[float, Bounds(0)]
 Steepness = Annotated[float, Bounds(-1000, 0)]
 
 
@@ -66,9 +65,9 @@ class BlueprintReward(Wrapper):
             missing = "ConstructionSites" if boxes else "Boxes"
             raise ValueError(f"env: got {env!r}, without {missing}; BlueprintReward takes one with boxes and sites")
         self._boxes, self._sites = boxes[0], sites[0]
-        self.scale = float(check_value("scale", scale, Weight))
+        self.scale = float(check_value("scale", scale, NonNegative))
         self.steepness = float(check_value("steepness", steepness, Steepness))
-        self.completed = float(check_value("completed", completed, Weight))
+        self.completed = float(check_value("completed", completed, NonNegative))
         self.radius = float(check_value("radius", radius, Positive))
 
     def transition(self, state: State, action: dict[str, Any]) -> State:

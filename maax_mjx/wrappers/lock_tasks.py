@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import numpy as np
 from flax import struct
 from gymnasium import spaces
 
-from maax_mjx.common.annotated import Bounds, Positive, check_value
+from maax_mjx.common.annotated import NonNegative, Positive, check_value
 from maax_mjx.common.checks import check_bool, check_choice
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
@@ -19,7 +19,6 @@ from maax_mjx.wrappers.locks import LockObjects
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.wrapper import ActionWrapper, Wrapper, find_all
 
-Points = Annotated[float, Bounds(0)]
 NOTHING = -1
 CORNERS = 0.1
 """Metres, on each axis, by which a cube of 0.5 m has its lower corner further from its centre than an agent has."""
@@ -177,7 +176,7 @@ class LockTask(Wrapper):
         self._locks, self._ids = locks_of(self, action_name, kind)
         self.in_order, self.and_return = check_bool("in_order", in_order), check_bool("and_return", and_return)
         points = {"lock": lock, "unlock": unlock, "shaped": shaped, "success": success}
-        self._points = {name: float(check_value(name, value, Points)) for name, value in points.items()}
+        self._points = {name: float(check_value(name, value, NonNegative)) for name, value in points.items()}
         self.radius = float(check_value("radius", radius, Positive))
         self._offset = CORNERS if check_bool("from_corners", from_corners) else 0.0
         self.module = next(m for m in self.base.movables if m.kind == kind)
@@ -194,12 +193,14 @@ class LockTask(Wrapper):
         points = self._points
         reward = points["lock"] * (locked & ~locked_before).sum() - points["unlock"] * (locked_before & ~locked).sum()
         reward += points["shaped"] * self._nearer(was, now, locked)
-        reward += points["success"] * self.is_done(state)
+        reward += points["success"] * self._is_done(now)
         return self.remember(state.replace(reward=state.reward + reward), now)
 
     def is_done(self, state: State) -> jax.Array:
         """Whether everything is locked, and the agent is back if it is to return: () bool."""
-        progress = self._progress(state, state.mechanics[self.name].spawn)
+        return self._is_done(state.mechanics[self.name])
+
+    def _is_done(self, progress: Progress) -> jax.Array:
         return (progress.target == NOTHING) & (~jnp.asarray(self.and_return) | (progress.home <= self.radius))
 
     def _nearer(self, was: Progress, now: Progress, locked: jax.Array) -> jax.Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from maax_mjx.common.annotated import Bounds, NonNegativeRange, Positive, PositiveCount
+from maax_mjx.common.annotated import Bounds, NonNegative, NonNegativeRange, Positive, PositiveCount
 from maax_mjx.core.env import Environment
 from maax_mjx.layout import published_middle_placement
 from maax_mjx.modules import ConstructionSites
@@ -15,9 +15,9 @@ from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig, arguments
 from maax_mjx.tasks.standard import Number
 from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
 from maax_mjx.wrappers import BlueprintReward
+from maax_mjx.wrappers.blueprint import Steepness
 
 Share = Annotated[float, Bounds(0, 1, above=True)]
-Weight = Annotated[float, Bounds(0)]
 Sites = Annotated[int | tuple[int, int], Bounds(1, MOST)]
 
 
@@ -25,9 +25,9 @@ Sites = Annotated[int | tuple[int, int], Bounds(1, MOST)]
 class BlueprintRewardConfig(Config):
     """Arguments of `BlueprintReward`."""
 
-    scale: Weight = 0.05
-    steepness: Annotated[float, Bounds(-1000, 0)] = -1.5
-    completed: Weight = 3.0
+    scale: NonNegative = 0.05
+    steepness: Steepness = -1.5
+    completed: NonNegative = 3.0
     radius: Positive = 0.1
 
 

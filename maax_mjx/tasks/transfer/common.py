@@ -8,7 +8,7 @@ from typing import Annotated
 from maax_mjx.common.annotated import NonNegativeRange, OneOf, PositiveCount, PositiveRange
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Module
-from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments
+from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments, with_lidar
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
 from maax_mjx.tasks.standard import GameConfig, Placement, ScenarioNames, Side, world
 from maax_mjx.worldgen import WorldParams
@@ -16,7 +16,6 @@ from maax_mjx.wrappers import (
     AgentAgentContactMask2D,
     DiscretizeActions,
     GrabObjects,
-    Lidar,
     LineOfSight,
     LockObjects,
     LockTogether,
@@ -64,10 +63,7 @@ def one_agent(config: TransferConfig, *modules: Module) -> Environment:
         base.add_module(module)
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     env = LineOfSight(env, config.cone)
-    if config.lidar is not None:
-        frame = "agent" if config.observations == "ego" else "world"
-        lidar = arguments(config.lidar)
-        env = Lidar(env, **lidar | {"frame": frame if config.lidar.frame is None else config.lidar.frame})
+    env = with_lidar(env, config.lidar, config.observations)
     env = LockObjects(env, **arguments(config.lock))
     return env if config.grab is None else GrabObjects(env, **arguments(config.grab))
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
 
-from maax_mjx.common.annotated import Bounds, Count, NonNegativeRange, Positive, PositiveCount, PositiveCountRange
+from maax_mjx.common.annotated import Count, NonNegative, NonNegativeRange, Positive, PositiveCount, PositiveCountRange
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.config import Config
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig, arguments
 from maax_mjx.tasks.standard import Number, Placements, ScenarioNames
 from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
 from maax_mjx.wrappers import LockInOrder, LockTask
-
-Points = Annotated[float, Bounds(0)]
 
 
 @dataclass(frozen=True)
@@ -22,10 +19,10 @@ class LockTaskConfig(Config):
 
     in_order: bool = False
     and_return: bool = False
-    lock: Points = 5.0
-    unlock: Points = 5.0
-    shaped: Points = 0.5
-    success: Points = 1.0
+    lock: NonNegative = 5.0
+    unlock: NonNegative = 5.0
+    shaped: NonNegative = 0.5
+    success: NonNegative = 1.0
     radius: Positive = 0.1
     from_corners: bool = True
 
