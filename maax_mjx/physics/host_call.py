@@ -64,6 +64,12 @@ KNOWN = {
     "_XLA_FFI_API_STRUCT_FIELD(XLA_FFI_Error_Create);",
 }
 """What the structs begin with; they may grow at their ends."""
+RENAMED = {
+    "XLA_FFI_InternalExtension_Type": "XLA_FFI_Extension_Type",
+    "XLA_FFI_InternalExtension": "XLA_FFI_Extension_Base",
+    "XLA_FFI_InvokeContext": "XLA_FFI_ExecutionContext",
+}
+"""What jaxlib 0.11 and later call the same types."""
 LATEST = 32
 """Objects that are kept although nobody has them any more: a program may outlive what it was made of."""
 
@@ -136,6 +142,8 @@ def is_known() -> bool:
         text = re.sub(r"\s+", " ", re.sub(r"//[^\n]*", "", path.read_text()))
     except OSError:
         return False
+    for new, old in RENAMED.items():
+        text = re.sub(rf"\b{new}\b", old, text)
     found = dict(re.findall(r"struct (\w+) \{ (.*?) ?\}", text))
     return all(found.get(name, "").startswith(fields) for name, fields in KNOWN.items())
 
