@@ -126,7 +126,7 @@ def test_the_share_of_invalid_layouts_and_the_placement_to_blame_are_said_once()
     worlds = maax.Worlds(env, 200)
     with pytest.warns(UserWarning, match="Worlds: ") as caught:
         states = worlds.reset(seeds.key(22))
-    share = 1 - float(np.asarray(states.world.valid).mean())
+    share = float((~np.asarray(states.world.valid)).mean())
     assert 0.2 < share < 0.8
     message = str(caught[0].message)
     assert len(caught) == 1

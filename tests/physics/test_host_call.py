@@ -106,7 +106,10 @@ def test_what_nobody_has_any_more_frees_its_memory_and_goes_in_the_end():
 
 @pytest.mark.slow
 def test_a_second_process_compiles_nothing(tmp_path):
-    env = os.environ | {"PYTHONPATH": str(ROOT), "JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
+    env = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
+    }
     env["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     ran = [
         subprocess.run([sys.executable, "-c", TWICE], env=env, capture_output=True, text=True, check=True).stdout

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
+from helpers.opengl import skipped_without_opengl
 from matplotlib.figure import Figure
 
 import maax_mjx as maax
@@ -65,10 +66,8 @@ def test_the_battery_is_in_the_pixels_where_the_agent_is(example, view):
         shown = state.replace(data=state.data.replace(xpos=xpos), mechanics={"battery": charges})
         return maax.render(env, shown, view=view, size=(300, 300), camera="top").astype(int)
 
-    try:
+    with skipped_without_opengl():
         full = picture(np.ones(3))
-    except maax.MissingLibraryError as error:
-        pytest.skip(f"no OpenGL: {error}")
     found = []
     for agent in range(3):
         y, x = np.nonzero(np.abs(picture(np.where(np.arange(3) == agent, 0.25, 1.0)) - full).max(axis=-1) > 40)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from helpers import seeds
+from helpers.opengl import skipped_without_opengl
 from helpers.pages import run
 from helpers.plain_mujoco import in_plain_mujoco
 from PIL import Image, ImageSequence
@@ -95,10 +96,8 @@ def test_a_turned_tall_door_is_no_wall(game):
 def test_its_pixels_lie_as_it_stands(game, view):
     env, state = game
     for angle in ANGLES:
-        try:
+        with skipped_without_opengl():
             image = maax.render(env, at(env, state, angle), view=view, camera="top", size=(400, 400))
-        except maax.MissingLibraryError as error:
-            pytest.skip(f"no OpenGL: {error}")
         points = brown(image)
         assert len(points) > 40
         assert direction(points) == pytest.approx(angle, abs=0.15)
@@ -181,10 +180,8 @@ def test_colours_are_those_of_materials_and_textures(exhibits):
 def test_what_is_painted_is_in_the_pixels(exhibits, view):
     """The texture in three dimensions, its mean in a plan; the site, and the floor's own colour, in both."""
     env, state = exhibits
-    try:
+    with skipped_without_opengl():
         image = maax.render(env, state, view=view, camera="top", size=(300, 300)).astype(int)
-    except maax.MissingLibraryError as error:
-        pytest.skip(f"no OpenGL: {error}")
     r, g, b = np.moveaxis(image, -1, 0)
     reds, blues = ((r > 90) & (g < 40) & (b < 40)).sum(), ((b > 90) & (g < 40) & (r < 40)).sum()
     both = ((r > 90) & (g < 40) & (b > 90)).sum()
