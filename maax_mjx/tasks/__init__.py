@@ -18,6 +18,7 @@ from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, sta
 from maax_mjx.tasks.tag import TagConfig, tag
 from maax_mjx.tasks.transfer.blueprint import BlueprintConfig, blueprint
 from maax_mjx.tasks.transfer.locks import LockAndReturnConfig, LockTaskConfig, SequentialLockConfig, lock_task
+from maax_mjx.tasks.transfer.shelter import ShelterConfig, shelter
 
 register("standard", standard, StandardConfig)
 register("hide_and_seek", hide_and_seek, HideAndSeekConfig)
@@ -28,6 +29,7 @@ register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
 register("blueprint", blueprint, BlueprintConfig)
 register("lock_and_return", lock_task, LockAndReturnConfig)
 register("sequential_lock", lock_task, SequentialLockConfig)
+register("shelter", shelter, ShelterConfig)
 
 __all__ = [
     "BlueprintConfig",
@@ -43,6 +45,7 @@ __all__ = [
     "QuadrantConfig",
     "RectConfig",
     "SequentialLockConfig",
+    "ShelterConfig",
     "StandardConfig",
     "TagConfig",
     "WorldConfig",
@@ -57,6 +60,7 @@ __all__ = [
     "make",
     "observed_by_agents",
     "register",
+    "shelter",
     "short_name",
     "standard",
     "tag",

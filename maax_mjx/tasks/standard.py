@@ -22,7 +22,7 @@ from maax_mjx.common.colours import TEAM_COLOURS, Colour
 from maax_mjx.core.composition import Contacts, FloorSize, GridSize
 from maax_mjx.core.env import Base
 from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement, scenario_names, uniform_placement
-from maax_mjx.modules import Agents, Boxes, FloorAttributes, Ramps, WallScenarios
+from maax_mjx.modules import Agents, Boxes, FloorAttributes, Module, Ramps, WallScenarios
 from maax_mjx.modules.placed import MOST
 from maax_mjx.modules.walls import OUTER
 from maax_mjx.physics import impls
@@ -203,8 +203,13 @@ def standard(config: StandardConfig) -> Base:
     return world(config, config.sides)
 
 
-def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
+def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = ()) -> Base:
     """Builds the world of a config, with some teams in it.
+
+    Args:
+        config: the config.
+        sides: the teams.
+        first: modules whose objects take their places before agents, boxes and ramps do.
 
     Raises:
         ValueError: an unknown placement, or arguments that the modules refuse.
@@ -234,11 +239,13 @@ def world(config: WorldConfig, sides: Sequence[Side]) -> Base:
     env.add_module(walls)
     if config.floor_friction is not None:
         env.add_module(FloorAttributes(config.floor_friction))
-    first, placements, colours = 0, [], []
+    for module in first:
+        env.add_module(module)
+    n_before, placements, colours = 0, [], []
     for i, (side, n) in enumerate(zip(sides, most, strict=True)):
-        placements += _placement(side.argument, side.placement, f"agent{first}", n)
+        placements += _placement(side.argument, side.placement, f"agent{n_before}", n)
         colours += [side.colour or TEAM_COLOURS[i % len(TEAM_COLOURS)]] * n
-        first += n
+        n_before += n
     env.add_module(
         Agents(
             {side.name: side.size for side in sides},

@@ -16,6 +16,7 @@ from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
 from maax_mjx.wrappers.select import ConcatenateObservations, SelectObservations, SpoofEntities
 from maax_mjx.wrappers.senses import Lidar, LineOfSight
+from maax_mjx.wrappers.shelter import ShelterReward
 from maax_mjx.wrappers.split import SplitObservations
 from maax_mjx.wrappers.stats import TrackStats
 from maax_mjx.wrappers.tag import Tag
@@ -57,6 +58,7 @@ __all__ = [
     "RestrictAgentsRect",
     "RewardWrapper",
     "SelectObservations",
+    "ShelterReward",
     "SplitObservations",
     "SpoofEntities",
     "StateWrapper",

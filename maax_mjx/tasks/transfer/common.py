@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -56,9 +57,12 @@ class TransferConfig(GameConfig):
     observations: Annotated[str, OneOf(OBSERVATIONS)] = "split"
 
 
-def one_agent(config: TransferConfig, *modules: Module) -> Environment:
-    """Builds the world of a config, and further modules, with an agent that sees, locks and grabs."""
-    base = world(config, (Side(HIDERS, 1, config.agent_placement, "agent_placement"),))
+def one_agent(config: TransferConfig, *modules: Module, first: Sequence[Module] = ()) -> Environment:
+    """Builds the world of a config with an agent that sees, locks and grabs, and further modules.
+
+    Those in `first` take their places before the agent and the objects, the others after them.
+    """
+    base = world(config, (Side(HIDERS, 1, config.agent_placement, "agent_placement"),), first)
     for module in modules:
         base.add_module(module)
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))

@@ -1,0 +1,131 @@
+"""Shelter construction: its reward as MuJoCo's own rays have it, from starts that an oracle gives."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from helpers import seeds, transfer_oracle
+from helpers.plain_mujoco import in_plain_mujoco
+
+import maax_mjx as maax
+
+N = 24
+
+
+@functools.cache
+def env_of():
+    return maax.make("shelter", impl="c", observations="raw", n_bins=None, sees_cylinder=True)
+
+
+@functools.cache
+def placed():
+    """Worlds as they are drawn; and with boxes beside the cylinder, as they lie and turned."""
+    env, rng = env_of(), seeds.rng(0)
+    states = jax.vmap(env.reset)(jax.random.split(seeds.key(0), N))
+    qpos, ids = np.array(states.data.qpos), env.base.modules["box"].qpos_ids
+    middle, size = np.asarray(states.obs["static_cylinder_pos"])[:, 0], np.asarray(states.obs["static_cylinder_size"])
+    for w in range(N):
+        if w % 3 == 0:
+            continue
+        for i, angle in enumerate(rng.uniform(0, 2 * np.pi, 8)):
+            away = size[w, 0, 0] / 2 + 0.9 + 0.02 * i
+            at = np.clip(middle[w, :2] + away * np.array([np.cos(angle), np.sin(angle)]), 0.9, 5.1)
+            qpos[w, ids[i]] = [*at, 0.25, rng.uniform(-np.pi, np.pi) if w % 3 == 2 else 0.0]
+    data = jax.vmap(env.base.engine.pose)(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos)))
+    return states.replace(data=data)
+
+
+def reaching(env, state, w):
+    """Which rays get to the cylinder in plain MuJoCo."""
+    model, data = in_plain_mujoco(env, jax.tree.map(lambda x: x[w], state))
+    mujoco.mj_forward(model, data)
+    cylinder, met = model.geom("static_cylinder0").id, np.zeros(1, np.int32)
+    hits = []
+    for start in transfer_oracle.shelter_starts():
+        to = data.geom_xpos[cylinder] - start
+        mujoco.mj_ray(model, data, start, to / np.linalg.norm(to), None, 1, -1, met)
+        hits.append(met[0] == cylinder)
+    return np.array(hits)
+
+
+def test_the_reward_is_that_of_mujocos_rays():
+    """One ray in a hundred may pass an edge by another side of it."""
+    env = env_of()
+    state = jax.jit(jax.vmap(env.step))(placed(), jax.vmap(env.sample_action)(jax.random.split(seeds.key(1), N)))
+    points = [transfer_oracle.shelter_reward(reaching(env, state, w)) for w in range(N)]
+    np.testing.assert_allclose(state.reward[:, 0], points, atol=0.0011)
+    assert (np.abs(state.reward[:, 0] - np.array(points)) < 1e-6).mean() > 0.9
+    assert -0.1 <= min(points) < max(points) < -0.001
+
+
+def test_boxes_around_the_cylinder_keep_rays_away():
+    """Eight in a ring stop most of those that come in the open."""
+    env, state = env_of(), jax.tree.map(lambda x: x[0], placed())
+    middle, radius = np.asarray(state.obs["static_cylinder_pos"])[0], float(state.obs["static_cylinder_size"][0, 0]) / 2
+    layer = next(layer for layer in env.layers if isinstance(layer, maax.ShelterReward))
+
+    def share(away):
+        qpos, angles = np.array(state.data.qpos), np.arange(8) * np.pi / 4
+        ring = middle[:2] + away * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        qpos[env.base.modules["box"].qpos_ids] = np.column_stack([ring, np.full(8, 0.25), angles + np.pi / 2])
+        data = env.base.engine.pose(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
+        return float(layer.reaching(state.replace(data=data)).mean())
+
+    assert share(50.0) > 0.9
+    assert share(radius + 0.3) < 0.3
+
+
+def test_worlds_are_drawn_as_published():
+    env = env_of()
+    states = maax.Worlds(env, 1000).reset(seeds.key(2))
+    obs = {name: np.asarray(value) for name, value in states.obs.items()}
+    assert np.asarray(states.world.valid).mean() > 0.97
+    diameter = obs["static_cylinder_size"][:, 0, 0]
+    assert 1.5 <= diameter.min() < 1.52
+    assert 1.98 < diameter.max() <= 2.0
+    cells = np.ceil(diameter / 0.2 - 1e-5).astype(int)
+    lowest = np.round((obs["static_cylinder_pos"][:, 0, :2] - 0.1 * cells[:, None]) / 0.2).astype(int)
+    for s in (8, 9, 10):
+        first, last = transfer_oracle.middle_cells(0.7, s)
+        np.testing.assert_array_equal(np.unique(lowest[cells == s]), np.arange(first, last + 1))
+    sizes = np.sort(np.asarray(jax.vmap(env.base.modules["box"].extents_of)(states.world))[:, :, :2], axis=2)
+    long = np.isclose(sizes, [0.15, 1.65], atol=1e-3).all(axis=2)
+    np.testing.assert_array_equal(long.sum(axis=1), 3)
+    np.testing.assert_allclose(sizes[~long], 0.5, atol=1e-5)
+
+
+def test_only_the_lidar_tells_of_the_cylinder():
+    env = maax.make("shelter", impl="c")
+    assert not any("cylinder" in name for name in env.observed)
+    assert "lidar" in env.observed
+    assert any("cylinder" in name for name in env_of().observed)
+
+
+def test_rays_go_to_every_cylinder_and_to_none_that_is_absent():
+    base = maax.Base(1, impl="c")
+    for module in (maax.WallScenarios("empty"), maax.StaticCylinders((0, 2), 0.5), maax.Agents(1)):
+        base.add_module(module)
+    env = maax.ShelterReward(base, rays_per_side=5, scale=1.0)
+    states = jax.vmap(env.reset)(jax.random.split(seeds.key(3), 12))
+    reach = np.asarray(jax.vmap(env.reaching)(states))
+    there = np.asarray(states.world.active["static_cylinder"])
+    assert reach.shape == (12, 20, 2)
+    assert not reach[~np.broadcast_to(there[:, None], reach.shape)].any()
+    assert reach[np.broadcast_to(there[:, None], reach.shape)].mean() > 0.5
+    after = jax.vmap(env.step)(states, jax.vmap(env.sample_action)(jax.random.split(seeds.key(4), 12)))
+    np.testing.assert_allclose(after.reward[:, 0], -np.asarray(jax.vmap(env.reaching)(after)).sum(axis=(1, 2)))
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match="without StaticCylinders; ShelterReward takes one with what to shelter"):
+        maax.ShelterReward(maax.make("standard", impl="c"))
+    with pytest.raises(ValueError, match="takes 'warp' or 'c' there"):
+        maax.make("shelter", impl="jax")
+    for field, value in {"cylinder_middle": 0.0, "cylinder_diameter": 0.0, "task.rays_per_side": 0}.items():
+        with pytest.raises(ValueError, match=f"{field}: got {value}"):
+            maax.make("shelter", **{field: value})
