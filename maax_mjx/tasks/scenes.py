@@ -13,7 +13,7 @@ from maax_mjx.core.state import State
 from maax_mjx.layout import Layout
 from maax_mjx.layout.grid import within
 from maax_mjx.layout.placement import requires_quadrant
-from maax_mjx.tasks import scripted, walking
+from maax_mjx.tasks import building, scripted, walking
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
 from maax_mjx.tasks.registry import make
 
@@ -127,11 +127,23 @@ def lock_and_return(impl: str = "auto") -> Scene:
     return Scene(env, env.reset, act, env.base.horizon - 2)
 
 
+def blueprint(impl: str = "auto") -> Scene:
+    """An agent carries boxes to construction sites, and locks them there; by forces, not bins."""
+    env = make("blueprint", impl=impl, observations="raw", n_bins=None)
+
+    def act(state: State) -> dict[str, Any]:
+        forces, parts = building.blueprint(state, env)
+        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+    return Scene(env, env.reset, act, env.base.horizon - 2)
+
+
 SCENES = {
     "catch": catch,
     "closed_door": closed_door,
     "over_the_wall": over_the_wall,
     "lock_and_return": lock_and_return,
+    "blueprint": blueprint,
 }
 
 

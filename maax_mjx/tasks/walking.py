@@ -11,7 +11,7 @@ import numpy as np
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.layout.plan import RoomPlan
-from maax_mjx.wrappers.enclosure import walls_of
+from maax_mjx.wrappers.enclosure import Footprints, walls_of
 from maax_mjx.wrappers.lock_tasks import LockTask
 from maax_mjx.wrappers.wrapper import find
 
@@ -30,17 +30,22 @@ TURN = 1.0
 """Torque for a radian that is missing."""
 
 
-def ways(plan: RoomPlan, goal: jax.Array) -> jax.Array:
+def ways(plan: RoomPlan, goal: jax.Array, things: Footprints | None = None, room: float = ROOM) -> jax.Array:
     """Returns how far it is from the middle of every cell to a goal, around walls: (CELLS, CELLS) metres.
 
     Args:
         plan: of the rooms.
         goal: (2,) metres. It counts as reached from the cells around it; infinite where it cannot be reached.
+        things: what else is in the way.
+        room: metres to be kept from all of it.
     """
     cell = plan.floor_size / CELLS
     middles = (jnp.arange(CELLS) + 0.5) * cell
     points = jnp.stack(jnp.meshgrid(middles, middles, indexing="ij"), axis=-1)
-    free = walls_of(plan).clearance(points) >= ROOM
+    clearance = walls_of(plan).clearance(points)
+    if things is not None:
+        clearance = jnp.minimum(clearance, things.clearance(points))
+    free = clearance >= room
     away = jnp.linalg.norm(points - goal, axis=-1)
     start = jnp.where(free & (away < NEAR * cell), away, jnp.inf)
     lengths = np.linalg.norm(STEPS, axis=1)
@@ -56,19 +61,35 @@ def ways(plan: RoomPlan, goal: jax.Array) -> jax.Array:
     return jax.lax.while_loop(lambda carry: carry[1], relax, (start, jnp.ones((), bool)))[0]
 
 
-def walk(state: State, env: Environment, agent: int, goal: jax.Array) -> jax.Array:
-    """Returns forces (3,) of an agent that walks to a goal (2,), around walls, and looks where it goes."""
-    agents, plan = env.base.agents, state.world.plan
-    here, cell = state.data.qpos[agents.qpos_ids[agent, :2]], plan.floor_size / CELLS
+def next_step(
+    plan: RoomPlan, here: jax.Array, goal: jax.Array, things: Footprints | None = None, room: float = ROOM
+) -> tuple[jax.Array, jax.Array]:
+    """Returns the way (2,) in metres to the next point on the way to a goal, and () bool, whether that is the goal.
+
+    Args:
+        plan, goal, things, room: as for `ways`; where there is no way, it goes straight.
+        here: (2,) metres.
+    """
+    cell = plan.floor_size / CELLS
     at = jnp.clip((here / cell).astype(jnp.int32) + AHEAD, 0, CELLS - 1)
-    far = ways(plan, goal)[at[:, 0], at[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell
-    near = jnp.linalg.norm(goal - here) < NEAR * cell
-    to = jnp.where(near, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here
+    far = ways(plan, goal, things, room)[at[:, 0], at[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell
+    straight = (jnp.linalg.norm(goal - here) < NEAR * cell) | ~jnp.isfinite(far).any()
+    return jnp.where(straight, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here, straight
+
+
+def walk(state: State, env: Environment, agent: int, goal: jax.Array, things: Footprints | None = None) -> jax.Array:
+    """Returns forces (3,) of an agent that walks to a goal (2,), around walls and things, and looks where it goes."""
+    here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
+    to, near = next_step(state.world.plan, here, goal, things)
     away = jnp.linalg.norm(to)
     push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(PUSH, SLOWER * away), PUSH)
-    off = jnp.arctan2(to[1], to[0]) - agents.headings(state.data)[agent]
-    torque = jnp.where(away < 0.1, 0.0, TURN * jnp.arctan2(jnp.sin(off), jnp.cos(off)))
-    return jnp.append(push, jnp.clip(torque, -1, 1))
+    return jnp.append(push, jnp.where(away < 0.1, 0.0, face(state, env, agent, to)))
+
+
+def face(state: State, env: Environment, agent: int, to: jax.Array) -> jax.Array:
+    """Returns the torque () of an agent that turns to look in a direction (2,)."""
+    off = jnp.arctan2(to[1], to[0]) - env.base.agents.headings(state.data)[agent]
+    return jnp.clip(TURN * jnp.arctan2(jnp.sin(off), jnp.cos(off)), -1, 1)
 
 
 def lock_task_of(env: Environment) -> LockTask:

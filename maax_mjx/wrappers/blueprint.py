@@ -44,6 +44,9 @@ class BlueprintReward(Wrapper):
         completed: points for a site.
         radius: metres.
 
+    Attributes:
+        boxes, sites: the modules.
+
     Raises:
         ValueError: no boxes or sites, or a number out of its range.
     """
@@ -64,7 +67,7 @@ class BlueprintReward(Wrapper):
         if not boxes or not sites:
             missing = "ConstructionSites" if boxes else "Boxes"
             raise ValueError(f"env: got {env!r}, without {missing}; BlueprintReward takes one with boxes and sites")
-        self._boxes, self._sites = boxes[0], sites[0]
+        self.boxes, self.sites = boxes[0], sites[0]
         self.scale = float(check_value("scale", scale, NonNegative))
         self.steepness = float(check_value("steepness", steepness, Steepness))
         self.completed = float(check_value("completed", completed, NonNegative))
@@ -84,8 +87,8 @@ class BlueprintReward(Wrapper):
     def is_full(self, state: State) -> jax.Array:
         """Whether all sites are full: () bool; never without a site."""
         sites, boxes = self._there(state)
-        centres = state.data.xpos[self._boxes.body_ids]
-        of_centres = jnp.linalg.norm(state.world.sites[self._sites.kind][:, None] - centres, axis=-1)
+        centres = state.data.xpos[self.boxes.body_ids]
+        of_centres = jnp.linalg.norm(state.world.sites[self.sites.kind][:, None] - centres, axis=-1)
         met = ((of_centres < self.radius) & boxes).any(axis=1)
         of_corners = (self._corners_away(state) < self.radius) & jnp.repeat(boxes, 4)
         met &= of_corners.any(axis=1).reshape(-1, 4).all(axis=1)
@@ -93,9 +96,9 @@ class BlueprintReward(Wrapper):
 
     def _corners_away(self, state: State) -> jax.Array:
         """Metres from all corners of sites to all corners of boxes: (4 n_sites, 4 n_boxes)."""
-        of_sites = self._sites.corners(state.world).reshape(-1, 3)
-        return jnp.linalg.norm(of_sites[:, None] - box_corners(self._boxes, state).reshape(-1, 3), axis=-1)
+        of_sites = self.sites.corners(state.world).reshape(-1, 3)
+        return jnp.linalg.norm(of_sites[:, None] - box_corners(self.boxes, state).reshape(-1, 3), axis=-1)
 
     def _there(self, state: State) -> tuple[jax.Array, jax.Array]:
         """Which sites and which boxes the world has."""
-        return state.world.active[self._sites.kind], state.world.active[self._boxes.kind]
+        return state.world.active[self.sites.kind], state.world.active[self.boxes.kind]
