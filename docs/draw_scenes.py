@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
+import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -42,7 +43,10 @@ def main(config: Config) -> None:
     for name in tqdm(config.scene, unit="scene"):
         scene = SCENES[name](config.impl)
         _, states = jax.device_get(jax.jit(scene.play)(jax.jit(scene.reset)(jax.random.key(config.seed))))
-        speed = max(1.0, scene.n_steps * scene.env.base.dt / SECONDS)
+        ends = np.flatnonzero(states.terminated)
+        n_steps = int(ends[0]) + 1 if ends.size else scene.n_steps
+        states = jax.tree.map(lambda x, n=n_steps: x[:n], states)
+        speed = max(1.0, n_steps * scene.env.base.dt / SECONDS)
         maax.video(scene.env, states, config.out / f"{name}.gif", size=SIZE, fps=FPS, speed=speed)
 
 
