@@ -14,6 +14,7 @@ from maax_mjx.layout.placement import (
     quad_placement,
     requires_quadrant,
     room_placement,
+    rooms_in_turn_placement,
     separation_placement,
     uniform_placement,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "register_scenario",
     "requires_quadrant",
     "room_placement",
+    "rooms_in_turn_placement",
     "scenario_names",
     "separation_placement",
     "uniform_placement",

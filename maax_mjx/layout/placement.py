@@ -240,6 +240,24 @@ def room_placement(index: int) -> PlacementFn:
     return placement
 
 
+def rooms_in_turn_placement(layout: Layout, cells: jax.Array) -> jax.Array:
+    """Allows one of the rectangular rooms that have least of what was placed before, each of them as likely.
+
+    So no room gets a second object before every room has one (OpenAI's `rotate_tri_placement`). Anywhere in a world
+    without rooms.
+    """
+    plan, placed = layout.plan, layout.stacked_objects()
+    if not plan.rooms.shape[0]:
+        return uniform_placement(layout, cells)
+    at = placed[:, None, :2] / layout.grid.cell
+    inside = ((at > plan.rooms[:, :2]) & (at < plan.rooms[:, 2:])).all(axis=-1) & (placed[:, None, 2] > 0)
+    number = jnp.where(plan.room_mask, inside.sum(axis=0), len(placed) + 1)
+    turn = (number == number.min()) & plan.room_mask
+    allowed = jax.vmap(partial(within, layout.grid.size, cells))(plan.rooms) & turn[:, None, None]
+    share = allowed / jnp.maximum(allowed.sum(axis=(1, 2), keepdims=True), 1)
+    return jnp.where(plan.room_mask.any(), share.sum(axis=0), 1.0)
+
+
 @made
 def all_of(*fns: PlacementFn) -> PlacementFn:
     """A placement where all of these allow it: the product of their weights.

@@ -14,6 +14,7 @@ from maax_mjx.layout.placement import (
     outside_quad_placement,
     quad_placement,
     room_placement,
+    rooms_in_turn_placement,
     uniform_placement,
 )
 
@@ -35,6 +36,7 @@ _PLACEMENTS: dict[str, PlacementFn] = {
     "centre": centre_placement,
     "middle": middle_placement(MIDDLE),
     "quad": _or_anywhere(quad_placement),
+    "rooms_in_turn": rooms_in_turn_placement,
     "outside_quad": _or_anywhere(outside_quad_placement),
 }
 
@@ -49,7 +51,8 @@ def placement_by_name(name: str, argument: str = "placement", also: Sequence[str
 
     "uniform" is anywhere, "centre" in the middle to the cell, "middle" in the central square of half the floor's edge,
     "quad" and "outside_quad" in and outside the quadrant, both anywhere in an environment without one, "room0",
-    "room1", ... in that room (see `room_placement`). Others are those of `register_placement`.
+    "room1", ... in that room (see `room_placement`), "rooms_in_turn" in one of the rooms with fewest objects (see
+    `rooms_in_turn_placement`). Others are those of `register_placement`.
 
     Args:
         name: of the placement.

@@ -17,7 +17,15 @@ from maax_mjx.tasks.registry import check_game, config_of, jitted, make, registe
 from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, standard, world
 from maax_mjx.tasks.tag import TagConfig, tag
 from maax_mjx.tasks.transfer.blueprint import BlueprintConfig, blueprint
-from maax_mjx.tasks.transfer.locks import LockAndReturnConfig, LockTaskConfig, SequentialLockConfig, lock_task
+from maax_mjx.tasks.transfer.locks import (
+    LockAllConfig,
+    LockAndReturnConfig,
+    LockOrderConfig,
+    LockTaskConfig,
+    SequentialLockConfig,
+    lock_all,
+    lock_task,
+)
 from maax_mjx.tasks.transfer.shelter import ShelterConfig, shelter
 
 register("standard", standard, StandardConfig)
@@ -27,7 +35,9 @@ register("hide_and_seek_full", hide_and_seek, FullConfig)
 register("tag", tag, TagConfig)
 register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
 register("blueprint", blueprint, BlueprintConfig)
+register("lock_all", lock_all, LockAllConfig)
 register("lock_and_return", lock_task, LockAndReturnConfig)
+register("lock_order", lock_all, LockOrderConfig)
 register("sequential_lock", lock_task, SequentialLockConfig)
 register("shelter", shelter, ShelterConfig)
 
@@ -39,8 +49,10 @@ __all__ = [
     "GrabConfig",
     "HideAndSeekConfig",
     "LidarConfig",
+    "LockAllConfig",
     "LockAndReturnConfig",
     "LockConfig",
+    "LockOrderConfig",
     "LockTaskConfig",
     "QuadrantConfig",
     "RectConfig",
@@ -56,6 +68,7 @@ __all__ = [
     "hide_and_seek",
     "is_in_a_file",
     "jitted",
+    "lock_all",
     "lock_task",
     "make",
     "observed_by_agents",

@@ -121,6 +121,56 @@ def test_worlds_are_as_published(name):
         assert (at + 0.25 <= rooms[..., 2:] + 1e-5).all()
 
 
+def room_of(states, at):
+    """The number of the room (n, ...) that points (n, ..., 2) in metres are in; there is exactly one."""
+    rooms = np.asarray(states.world.plan.rooms) * 0.2
+    for _ in range(at.ndim - 2):
+        rooms = rooms[:, None]
+    inside = ((at[..., None, :] > rooms[..., :2]) & (at[..., None, :] < rooms[..., 2:])).all(axis=-1)
+    assert (inside.sum(axis=-1) == 1).all()
+    return inside.argmax(axis=-1)
+
+
+def test_in_three_rooms_things_take_turns():
+    """The agent and five boxes are two in each room, ramps one in each; rooms are as likely, whatever their size."""
+    n = 600
+    env = maax.make("lock_order", impl="c", scenario="tri", n_boxes=5, n_ramps=3)
+    states = maax.Worlds(env, n).reset(seeds.key(5))
+    qpos, valid = np.asarray(states.data.qpos), np.asarray(states.world.valid)
+    assert valid.mean() > 0.97
+    modules, agents = env.base.modules, env.base.agents
+    of_agent = room_of(states, qpos[:, agents.qpos_ids[:, :2]])
+    of_boxes = room_of(states, qpos[:, modules["box"].qpos_ids[:, :2]])
+    of_ramps = room_of(states, qpos[:, modules["ramp"].qpos_ids[:, :2]])
+    np.testing.assert_array_equal(of_ramps, np.tile(np.arange(3), (n, 1)))
+    in_turn = np.concatenate([of_agent, of_boxes], axis=1)
+    for first in (0, 3):
+        np.testing.assert_array_equal(np.sort(in_turn[:, first : first + 3], axis=1), np.tile(np.arange(3), (n, 1)))
+    for i in range(2):
+        shares = np.bincount(in_turn[:, i], minlength=3) / n
+        assert np.abs(shares - 1 / 3).max() < 4.5 * np.sqrt(2 / 9 / n)
+
+
+def test_other_scenarios_have_the_published_places():
+    def drawn(**options):
+        env = maax.make("lock_all", impl="c", **options)
+        states = maax.Worlds(env, 100).reset(seeds.key(6))
+        return env, states, np.asarray(states.data.qpos)[:, env.base.agents.qpos_ids[0, :2]]
+
+    env, states, agents = drawn()
+    quadrant = np.asarray(states.world.plan.quadrant) * 0.2
+    assert ((agents > quadrant[:, :2]) & (agents < quadrant[:, 2:])).all()
+    assert env.base.modules["walls"].friction.high == 0.01
+    boxes = np.asarray(states.data.qpos)[:, env.base.modules["box"].qpos_ids[:, :2]]
+    outside = ((boxes < quadrant[:, None, :2]) | (boxes > quadrant[:, None, 2:])).any(axis=-1)
+    assert 0.3 < outside.mean() < 0.95
+    np.testing.assert_allclose(drawn(scenario="empty")[2], 3.0, atol=0.2)
+    env, states, _ = drawn(scenario="random", agent_placement="centre")
+    rooms = np.asarray(states.world.plan.room_mask).sum(axis=1)
+    assert set(rooms) == {1, 2, 3, 4}
+    assert env.base.modules["walls"].friction is None
+
+
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="LockTask takes one agent"):
         maax.LockTask(maax.LockObjects(maax.make("tag", impl="c", observations="raw")))

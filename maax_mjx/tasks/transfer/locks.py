@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from maax_mjx.common.annotated import Count, NonNegative, NonNegativeRange, Positive, PositiveCount, PositiveCountRange
+from maax_mjx.common.checks import check_count_range
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.config import Config
-from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig, arguments
-from maax_mjx.tasks.standard import Number, Placements, ScenarioNames
+from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments
+from maax_mjx.tasks.standard import Number, Placement, Placements, ScenarioNames
 from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
 from maax_mjx.wrappers import LockInOrder, LockTask
+
+N_ROOMS = 3
+"""Of the scenario "tri"."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,69 @@ class SequentialLockConfig(TransferConfig):
     task: LockTaskConfig = LockTaskConfig(in_order=True)
 
 
-def lock_task(config: LockAndReturnConfig | SequentialLockConfig) -> Environment:
+@dataclass(frozen=True)
+class LockAllConfig(TransferConfig):
+    """Two boxes to be locked, with what the published code takes where no config says anything.
+
+    The published scenarios are "quad", "random", "empty" and "tri", with the placements below, and "tri" with
+    `agent_placement="uniform"` and `box_placement="uniform"`.
+
+    Attributes:
+        agent_placement: where the agent starts; None is as published: in the quadrant, in the centre of an empty floor,
+            in any of three rooms, else anywhere.
+        box_placement, ramp_placement: None is as published: in three rooms, boxes in those with fewest objects, and a
+            ramp in each; else anywhere.
+        wall_friction: None is as published: 0.01 around a quadrant, else MuJoCo's default of 1.
+        task: arguments of the reward.
+    """
+
+    scenario: ScenarioNames = "quad"
+    n_rooms: PositiveCountRange = (1, 4)
+    agent_placement: Placement | None = None  # type: ignore[assignment]
+    box_placement: Placements | None = None  # type: ignore[assignment]
+    ramp_placement: Placements | None = None  # type: ignore[assignment]
+    n_boxes: Number = 2
+    n_ramps: Number = 0
+    wall_friction: NonNegativeRange | None = None
+    horizon: PositiveCount = 80
+    lock: LockConfig = field(default_factory=lambda: LockConfig(lock_type="any_specific"))
+    lidar: LidarConfig | None = None
+    task: LockTaskConfig = LockTaskConfig(unlock=7.0, shaped=0.25)
+
+    def published(self) -> LockAllConfig:
+        """The same with what was published in place of None."""
+        n_ramps = check_count_range("n_ramps", self.n_ramps)[1]
+        found: dict[str, dict[str, Any]] = {
+            "quad": {"agent_placement": "quad", "wall_friction": 0.01},
+            "empty": {"agent_placement": "centre"},
+            "tri": {
+                "agent_placement": "rooms_in_turn",
+                "box_placement": "rooms_in_turn",
+                "ramp_placement": [f"room{i % N_ROOMS}" for i in range(n_ramps)] or "uniform",
+            },
+        }
+        anywhere = dict.fromkeys(("agent_placement", "box_placement", "ramp_placement"), "uniform")
+        chosen = anywhere | found.get(str(self.scenario), {})
+        return replace(self, **{name: value for name, value in chosen.items() if getattr(self, name) is None})
+
+
+@dataclass(frozen=True)
+class LockOrderConfig(LockAllConfig):
+    """The same, in the order of the boxes' numbers; see `LockAllConfig`."""
+
+    task: LockTaskConfig = LockTaskConfig(in_order=True, unlock=7.0, shaped=0.25)
+
+
+def lock_all(config: LockAllConfig) -> Environment:
+    """Builds the game of `LockAllConfig`.
+
+    Raises:
+        ValueError: a config that the world or the wrappers refuse.
+    """
+    return lock_task(config.published())
+
+
+def lock_task(config: LockAndReturnConfig | SequentialLockConfig | LockAllConfig) -> Environment:
     """Builds a lock task.
 
     Raises:
