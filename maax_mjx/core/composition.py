@@ -18,7 +18,7 @@ from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
 from maax_mjx.core.arena_limits import ArenaLimits
 from maax_mjx.core.capacity import check_module, contact_capacity
-from maax_mjx.core.hooks import check_names, checked_observations, declared_names
+from maax_mjx.core.hooks import check_names, checked_observations, checked_overlay, declared_names
 from maax_mjx.layout import World
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.from_model import from_model
@@ -212,7 +212,7 @@ class Composition:
     @from_model
     def overlay(self) -> Overlay:
         """The rows of model fields in which worlds differ."""
-        rows = [module.overlay for module in self._modules.values()]
+        rows = [checked_overlay(module, self.model) for module in self._modules.values()]
         if self.floor_range.varies:
             rows.append(dict.fromkeys(("geom_pos", "geom_size"), self.floor_id))
         if self._limits is not None:

@@ -23,7 +23,7 @@ from maax_mjx.core.copies import copied, reduced
 from maax_mjx.core.describe import Description, describe
 from maax_mjx.core.faults import contain, find_fault
 from maax_mjx.core.generation import draw_layout
-from maax_mjx.core.state import State, check_state
+from maax_mjx.core.state import State, check_returned, check_state
 from maax_mjx.core.teams import Team, agent_names, make_teams
 from maax_mjx.layout import World
 from maax_mjx.modules import Module
@@ -169,7 +169,7 @@ class Environment(Recorded, ABC):
     # operation, hundreds of programs would be compiled.
     @from_model
     def _traced_begin(self) -> Any:
-        return jax.jit(self.begin)
+        return jax.jit(lambda key, params: check_returned("begin", self, self.begin(key, params)))
 
     @from_model
     def _traced_advance(self) -> Any:
@@ -178,7 +178,7 @@ class Environment(Recorded, ABC):
     def advance(self, state: State, action: Any) -> State:
         """Steps without checks, under this class's name, so that profiles can tell layers apart."""
         with jax.named_scope(type(self).__name__):
-            return self.transition(state, action)
+            return check_returned("transition", self, self.transition(state, action))
 
     @property
     def build(self) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from difflib import get_close_matches
 from operator import attrgetter
 from typing import Any
 
@@ -14,7 +15,7 @@ from maax_mjx.common.observed import check_arrays
 from maax_mjx.common.params import DomainParams
 from maax_mjx.layout import Layout, World
 from maax_mjx.modules import Module
-from maax_mjx.physics import Data
+from maax_mjx.physics import Data, Overlay
 
 
 def checked_layout(
@@ -50,6 +51,23 @@ def checked_layout(
                 f"layout_step: {mine} returned {name!r} with the shape {got}; takes {array.shape}, the whole field"
             )
     return drawn
+
+
+def checked_overlay(module: Module, model: mujoco.MjModel) -> Overlay:
+    """Reads a module's `overlay`.
+
+    Raises:
+        ValueError: a field that MuJoCo's model has not.
+    """
+    overlay = module.overlay
+    for name in overlay:
+        if not _is_field(model, name):
+            near = get_close_matches(name, dir(model), 1)
+            raise ValueError(
+                f"overlay: {type(module).__name__} has {name!r}, which is no field of mujoco.MjModel; takes rows by "
+                f"field{f', such as {near[0]!r}' if near else ''}"
+            )
+    return overlay
 
 
 def checked_observations(module: Module, world: World, data: Data) -> dict[str, jax.Array]:

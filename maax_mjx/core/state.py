@@ -104,6 +104,25 @@ def check_state(state: Any, wanted: State) -> None:
     check_fits(state, wanted)
 
 
+def check_returned(hook: str, layer: Any, state: Any) -> State:
+    """Refuses what is no state, where a user's class forgot to return one.
+
+    Args:
+        hook: name of the method that returned it.
+        layer: the environment whose method it is.
+        state: what it returned.
+
+    Raises:
+        ValueError: no State.
+    """
+    if not isinstance(state, State):
+        raise ValueError(
+            f"{hook}: {type(layer).__name__} returned {described(state)}; takes the state of what it wraps, changed "
+            "with state.replace(...)"
+        )
+    return state
+
+
 def check_fits(states: State, wanted: State, leading: int = 0) -> None:
     """Refuses states with other things in a world or other mechanics than `wanted`; the engine may be another one.
 

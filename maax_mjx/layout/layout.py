@@ -105,7 +105,10 @@ class Layout(struct.PyTreeNode):
         cells = grid.footprint(extent)
         jitter = (seed[1:] >> 8).astype(jnp.float32) / 2**24
         offset = jitter * jnp.maximum(cells * grid.cell - extent, 0.0) + extent / 2
-        weights = placement_fn(self.replace(offset=offset), cells)
+        try:
+            weights = placement_fn(self.replace(offset=offset), cells)
+        except ValueError as error:
+            raise ValueError(f"placement_fn of {name}: {error}") from error
         if not is_real_array(weights):
             raise ValueError(f"placement_fn: got {array_words(weights)} from it; takes an array of weights {(g, g)}")
         if jnp.shape(weights) != (g, g):

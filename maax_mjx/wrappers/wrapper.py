@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
 import jax
+import jax.numpy as jnp
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import null_rows
+from maax_mjx.common.checks import described
 from maax_mjx.common.observed import Observed, check_arrays
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Base, Environment, check_environment
-from maax_mjx.core.state import State
+from maax_mjx.core.state import State, check_returned
 from maax_mjx.core.teams import Team
 
 W = TypeVar("W", bound="Wrapper")
@@ -173,7 +175,13 @@ class ActionWrapper(Wrapper):
         raise NotImplementedError
 
     def transition(self, state: State, action: Any) -> State:
-        return self.env.advance(state, self.action(state, action))
+        inner = self.action(state, action)
+        if not isinstance(inner, Mapping):
+            raise ValueError(
+                f"action: {type(self).__name__} returned {described(inner)}; takes the action of what it wraps, a dict "
+                f"of {sorted(self.env.action_space.spaces)}"
+            )
+        return self.env.advance(state, inner)
 
 
 class StateWrapper(Wrapper):
@@ -184,10 +192,10 @@ class StateWrapper(Wrapper):
         raise NotImplementedError
 
     def begin(self, key: jax.Array, params: DomainParams) -> State:
-        return self.observe(self.env.begun(key, params))
+        return check_returned("observe", self, self.observe(self.env.begun(key, params)))
 
     def transition(self, state: State, action: Any) -> State:
-        return self.observe(self.env.advance(state, action))
+        return check_returned("observe", self, self.observe(self.env.advance(state, action)))
 
 
 class ObservationWrapper(StateWrapper):
@@ -210,7 +218,13 @@ class RewardWrapper(Wrapper):
 
     def transition(self, state: State, action: Any) -> State:
         state = self.env.advance(state, action)
-        return state.replace(reward=self.reward(state))
+        reward = self.reward(state)
+        if reward is None or jnp.shape(reward) != (self.n_agents,):
+            raise ValueError(
+                f"reward: {type(self).__name__} returned {described(reward)}; takes an array {(self.n_agents,)}, one "
+                "number for each agent"
+            )
+        return state.replace(reward=reward)
 
 
 def find(env: Environment, kind: type[W]) -> W | None:

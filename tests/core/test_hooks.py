@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -224,3 +227,69 @@ def test_senses_are_blinded_where_they_are_still_there():
     assert Smoke(seeing).observation_space["sees_agent"].shape == (1, 1)
     with pytest.raises(ValueError, match="blind: 'sees_agent' of LineOfSight is not observed any more; put what"):
         _ = Smoke(maax.SelectObservations(seeing, ["agent_pos"])).observation_space
+
+
+class ForgetsObserve(maax.StateWrapper):
+    def observe(self, state):
+        return None
+
+
+class ForgetsTransition(maax.Wrapper):
+    def transition(self, state, action):
+        self.env.advance(state, action)
+
+
+class ForgetsBegin(maax.Wrapper):
+    def begin(self, key, params):
+        self.env.begin(key, params)
+
+
+class ForgetsAction(maax.ActionWrapper):
+    def action(self, state, action):
+        return None
+
+
+class ForgetsReward(maax.RewardWrapper):
+    def reward(self, state):
+        return None
+
+
+class OneReward(maax.RewardWrapper):
+    def reward(self, state):
+        return state.reward.sum()
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (ForgetsObserve, "observe: ForgetsObserve returned None; takes the state of what it wraps"),
+        (ForgetsTransition, "transition: ForgetsTransition returned None; takes the state of what it wraps"),
+        (ForgetsBegin, "begin: ForgetsBegin returned None; takes the state of what it wraps"),
+        (ForgetsAction, "action: ForgetsAction returned None; takes the action of what it wraps, a dict of ['move']"),
+        (ForgetsReward, "reward: ForgetsReward returned None; takes an array (4,), one number for each agent"),
+        (OneReward, "reward: OneReward returned"),
+    ],
+)
+def test_wrappers_that_return_nothing_are_named(kind, message):
+    env = kind(maax.make("tag", impl="c", n_boxes=0, n_ramps=0, scenario="empty"))
+
+    def plays(key):
+        return env.step(env.reset(key), env.sample_action(key))
+
+    with pytest.raises(ValueError, match=re.escape(message)):
+        jax.eval_shape(plays, seeds.key(0))
+
+
+def test_an_overlay_of_no_field_is_refused():
+    class Bends(maax.Module):
+        name = "bends"
+
+        @property
+        def overlay(self):
+            return {"geom_sise": [0]}
+
+    env = maax.Base(1, impl="c")
+    for module in (maax.WallScenarios("empty"), maax.Agents(1), Bends()):
+        env.add_module(module)
+    with pytest.raises(ValueError, match=r"overlay: Bends has 'geom_sise', which is no field.*such as 'geom_size'"):
+        env.reset(seeds.key(0))
