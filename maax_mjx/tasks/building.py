@@ -20,8 +20,6 @@ SWING = 0.36
 """Metres by which corners are off for a radian: half the diagonal, and a little."""
 ROOM = 0.4
 """Metres that the middle of a box in hand keeps from other boxes and walls: half its diagonal, and a little."""
-REACH = 0.25
-"""Metres from an agent's middle to a box's surface at which it takes hold."""
 BESIDE = 0.44
 """Metres from a box's middle where it stands to take hold."""
 LOOKING = 0.7
@@ -50,7 +48,7 @@ def blueprint(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array
     """Returns the actions of an agent that carries a box to every construction site, one after the other.
 
     Returns:
-        Forces (3,); and "grab", () {0, 1}.
+        Forces (3,); and "grab" and "lock", () {0, 1} each.
 
     Raises:
         ValueError: an environment without `BlueprintReward`.
@@ -80,7 +78,7 @@ def blueprint(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array
     to, _ = next_step(state.world.plan, at[box], goal, things, ROOM)
     away = jnp.linalg.norm(to)
     towards = to / jnp.maximum(away, 1e-6)
-    # Both as one body, that moves with its middle: force there, and against the turn that it would bring.
+    # The speed of the middle of both, which move as one.
     own = env.base.agents.qvel_ids[agent]
     velocity = (state.data.qvel[own[:2]] + state.data.qvel[boxes.qvel_ids[:, :2]][box]) / 2
     left = jnp.linalg.norm(goal - at[box])
