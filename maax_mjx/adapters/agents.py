@@ -42,6 +42,7 @@ class PerAgent:
     Args:
         env: an environment whose agents observe for themselves: with `SplitObservations`, or flat.
         flat: whether observations are one vector.
+        argument: what the environment was passed as, for messages.
 
     Attributes:
         env: the environment, with what was wrapped around it.
@@ -52,14 +53,14 @@ class PerAgent:
         ValueError: an environment whose agents share their observations, or a flat one that should not be.
     """
 
-    def __init__(self, env: Environment, flat: bool = True):
+    def __init__(self, env: Environment, flat: bool = True, argument: str = "env"):
         check_environment(env)
         check_bool("flat", flat)
         if find(env, FlattenObservations) is None:
             if find(env, SplitObservations) is None:
                 raise ValueError(
-                    f"env: got {env!r}, whose agents share what is observed; takes one with SplitObservations or "
-                    'EgocentricObservations, such as a game with observations="ego"'
+                    f"{argument}: got {env!r}, whose agents share what is observed; takes one with SplitObservations "
+                    'or EgocentricObservations, such as a game with observations="ego"'
                 )
             env = WithVectors(env) if flat else MaskObservations(env)
         elif not flat:
@@ -69,7 +70,9 @@ class PerAgent:
         self._shown = [FLAT] if flat else [name for name, one in table.items() if not one.critic]
         seen = {name: _seen_by_one(env.observation_space[name]) for name in self._shown if table[name].is_of_agents}
         if missing := [name for name in self._shown if name not in seen]:
-            raise ValueError(f"env: got {env!r}, in which {missing} belong to no agent; takes observations of agents")
+            raise ValueError(
+                f"{argument}: got {env!r}, in which {missing} belong to no agent; takes observations of agents"
+            )
         self.observation_space: spaces.Space = seen[FLAT] if flat else spaces.Dict(seen)
         self.parts = {name: _of_one(space) for name, space in sorted(env.action_space.spaces.items())}
         self.action_space: spaces.Space = _joined(self.parts)

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from maax_mjx.adapters.rows import Rows, Step
+from maax_mjx.common.checks import described
 from maax_mjx.parallel import Worlds
 
 
@@ -60,6 +61,8 @@ class AgentsVectorEnv(VectorEnv):
             ValueError: actions of another shape.
         """
         given = actions if isinstance(actions, Mapping) else np.asarray(actions)
+        if not isinstance(given, Mapping) and given.dtype == object:
+            raise ValueError(f"actions: got {described(actions)}; takes what action_space.sample() gives")
         now = self.rows.step(jax.tree.map(jnp.asarray, given))
         terminated, truncated = np.array(now.terminated), np.array(now.truncated)
         infos: dict[str, Any] = {"active": np.array(now.active)}

@@ -87,6 +87,8 @@ def jaxmarl(env: Environment) -> Any:
         def step_env(
             self, key: jax.Array, state: Any, actions: dict[str, jax.Array]
         ) -> tuple[dict[str, jax.Array], Any, dict[str, jax.Array], dict[str, jax.Array], dict[str, Any]]:
+            if set(actions) != set(self.agents):
+                raise ValueError(f"actions: got those of {sorted(actions)}; takes one of each of {self.agents}")
             chosen = jnp.stack([jnp.asarray(actions[agent]) for agent in self.agents])
             if choices is not None:
                 parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(choices))

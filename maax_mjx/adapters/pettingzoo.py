@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.adapters.agents import PerAgent
+from maax_mjx.common.checks import check_count
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import render
@@ -55,7 +56,7 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
             self.observation_spaces = {name: deepcopy(self._of.observation_space) for name in self.possible_agents}
             self.action_spaces = {name: deepcopy(self._of.action_space) for name in self.possible_agents}
             self.agents: list[str] = []
-            self._key = jax.random.key(seed)
+            self._key = jax.random.key(check_count("seed", seed))
             self._state: Any = None
 
         def observation_space(self, agent: str) -> Any:
@@ -66,7 +67,7 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
 
         def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
             if seed is not None:
-                self._key = jax.random.key(seed)
+                self._key = jax.random.key(check_count("seed", seed))
             self._key, key = jax.random.split(self._key)
             self._state = self._of.env.reset(key)
             active = np.asarray(self._state.active)
@@ -78,6 +79,8 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
                 raise ValueError("step: got an episode that has ended; takes one that reset begins")
             if missing := [agent for agent in self.agents if agent not in actions]:
                 raise ValueError(f"actions: got none of {missing}; takes one of every agent in `agents`")
+            if unknown := [agent for agent in actions if agent not in self._slots]:
+                raise ValueError(f"actions: got {unknown}; takes those of {self.possible_agents}")
             chosen = [actions.get(name, self._of.idle) for name in self.possible_agents]
             self._state = self._of.env.step(
                 self._state, self._of.action(jax.tree.map(lambda *x: jnp.stack(x), *chosen))

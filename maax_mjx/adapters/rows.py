@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, check_count, described
 from maax_mjx.common.spaces import check_shapes
 from maax_mjx.parallel import Worlds
 from maax_mjx.parallel.policy import forgotten
@@ -74,7 +74,7 @@ class Rows:
             raise ValueError(f"worlds: got those of {jax.process_count()} processes; takes those of one")
         if (team is None) != (policy is None):
             raise ValueError(f"policy: got {policy!r} with the team {team!r}; takes both, or neither for all agents")
-        self.of = PerAgent(worlds.env, flat)
+        self.of = PerAgent(worlds.env, flat, "worlds")
         env = self.of.env
         if env is not worlds.env:
             worlds = worlds.with_env(env)
@@ -84,7 +84,7 @@ class Rows:
         self.n_rows = worlds.n_worlds * len(self._slots)
         # A trained policy reads the game's arrays, beside which the rows' vectors stand.
         self._other = None if policy is None else seated(player_of("policy", policy), env)
-        self._key = jax.random.key(seed)
+        self._key = jax.random.key(check_count("seed", seed))
         self._states: Any = None
         self._memory: Any = ()
         self._decide = jax.jit(self._all_actions)
@@ -98,7 +98,7 @@ class Rows:
             stagger: see `Worlds.reset`.
         """
         if seed is not None:
-            self._key = jax.random.key(seed)
+            self._key = jax.random.key(check_count("seed", seed))
         self._key, key = jax.random.split(self._key)
         self._states = self.worlds.reset(key, stagger=stagger)
         if self._other is not None:
@@ -129,7 +129,8 @@ class Rows:
         if isinstance(space, spaces.Dict):
             check_shapes(space, chosen, lead, "actions")
         elif np.shape(chosen) != (takes := (*lead, *(space.shape or ()))):
-            raise ValueError(f"actions: got shape {np.shape(chosen)}; takes {takes}")
+            got = f"shape {np.shape(chosen)}" if hasattr(chosen, "shape") else described(chosen)
+            raise ValueError(f"actions: got {got}; takes an array {takes}")
 
     def _all_actions(self, states: Any, chosen: Any, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
         n, mine = self.worlds.n_worlds, len(self._slots)

@@ -91,7 +91,13 @@ class OneTeam:
         return Inside(self.env.step(inside.state, joined), memory, key)
 
     def action(self, vector: jax.Array) -> dict[str, jax.Array]:
-        """Returns what the team's agents decide by a vector, (n_team, ...) by name."""
+        """Returns what the team's agents decide by a vector, (n_team, ...) by name.
+
+        Raises:
+            ValueError: a vector of another length.
+        """
+        if jnp.shape(vector) != (self.action_size,):
+            raise ValueError(f"action: got shape {jnp.shape(vector)}; takes {(self.action_size,)}, in one world")
         rows, at, found = jnp.clip(vector, -1, 1).reshape(len(self._slots), -1), 0, {}
         for name, part in self._of.parts.items():
             numbers = rows[:, at : at + self._widths[name]].reshape(len(self._slots), *(part.shape or ()))

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from maax_mjx.adapters.rows import Rows, Step
+from maax_mjx.common.checks import described
 from maax_mjx.common.errors import MissingLibraryError
 from maax_mjx.parallel import Worlds
 
@@ -46,6 +47,8 @@ class TorchAgents:
         return self._tensors(self._rows.step(jax.tree.map(self._array, actions)))
 
     def _array(self, tensor: Any) -> jax.Array:
+        if not isinstance(tensor, self._torch.Tensor):
+            raise ValueError(f"actions: got {described(tensor)}; takes a tensor on {self.device}, where the worlds are")
         if tensor.device != self.device:
             raise ValueError(
                 f"actions: got a tensor on {tensor.device}; takes one on {self.device}, where the worlds are"

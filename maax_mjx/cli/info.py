@@ -56,6 +56,10 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
         ValueError: an unknown environment.
     """
     if args.env and is_of_faults(args.env):
+        if overrides:
+            raise ValueError(
+                f"env: got {sorted(overrides)} for {args.env}; a fault is of the game that it has, without other fields"
+            )
         result = of_fault(Path(args.env))
     else:
         result = of_env(args.env, overrides) if args.env else of_installation()

@@ -14,6 +14,7 @@ from maax_mjx.common.checks import LONG
 from maax_mjx.common.recorded import texts_of
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks import is_in_a_file
+from maax_mjx.tasks.brought import is_same_game
 from maax_mjx.tasks.config import inner_config
 from maax_mjx.training.policy import Policy
 
@@ -124,6 +125,18 @@ def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
     return dict(sorted(values.items(), key=lambda item: "." in item[0]))
 
 
+def learnt_policy(path: str | Path) -> Policy:
+    """Loads the policy that the option --policy names.
+
+    Raises:
+        ValueError: no policy.
+    """
+    try:
+        return Policy.load(path)
+    except ValueError as error:
+        raise ValueError(f"policy{str(error).removeprefix('path')}") from None
+
+
 def as_learnt(game: str, policy: Policy) -> dict[str, str]:
     """Returns the fields of the config of the game that a policy learnt, as texts.
 
@@ -131,7 +144,7 @@ def as_learnt(game: str, policy: Policy) -> dict[str, str]:
         ValueError: a policy of another game.
     """
     learnt = policy.game or {"game": "an environment of one's own", "config": {}}
-    if learnt["game"] != game:
+    if not is_same_game(learnt["game"], game):
         raise ValueError(f"policy: got one of {learnt['game']}, to play {game}; takes one of the same game")
     return texts_of(learnt["config"])
 

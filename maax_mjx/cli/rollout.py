@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, make_folder, names, report
+from maax_mjx.cli.options import Seed, as_learnt, game_names, learnt_policy, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.progress import progress
@@ -85,7 +85,7 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
     check_fields(args)
     if args.show > args.worlds:
         raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
-    policy = None if args.policy is None else Policy.load(args.policy)
+    policy = None if args.policy is None else learnt_policy(args.policy)
     if policy is not None:
         overrides = as_learnt(args.env, policy) | dict(overrides)
     with Interrupt() as interrupt:

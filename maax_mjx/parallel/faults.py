@@ -243,6 +243,6 @@ def _folder(folder: Any) -> Path:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ValueError(
-            f"keep_faults: got {folder}, where no folder can be made ({error.strerror}); takes another"
+            f"keep_faults: got {folder}, where no folder can be made ({error.strerror}); takes the path of a folder"
         ) from None
     return path

@@ -35,6 +35,14 @@ def short_name(name: str) -> str:
     return name.rpartition(FILE)[2]
 
 
+def is_same_game(name: str, other: str) -> bool:
+    """Whether two names are of one game: the same, or of one file, however its path is written."""
+    if not (is_in_a_file(name) and is_in_a_file(other)):
+        return name == other
+    (path, _, short), (path_too, _, short_too) = name.rpartition(":"), other.rpartition(":")
+    return short == short_too and Path(path).resolve() == Path(path_too).resolve()
+
+
 def module_of(name: str) -> ModuleType:
     """Imports the file of a game, once in a process, as Python does with a script: its folder comes first on the path.
 
@@ -43,7 +51,7 @@ def module_of(name: str) -> ModuleType:
     """
     path = Path(name.rpartition(":")[0]).resolve()
     if not path.is_file():
-        raise ValueError(f"name: got {name!r}, and there is no file {path}; {TAKES}")
+        raise ValueError(f"name: got {name!r}, and there is no file {path}; {TAKES}, from this folder")
     loaded = sys.modules.get(path.stem)
     if loaded is not None:
         if Path(getattr(loaded, "__file__", None) or "").resolve() != path:

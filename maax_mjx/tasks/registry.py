@@ -69,6 +69,11 @@ def _bring_from_file(name: str) -> None:
     own = {key: task for key, task in registered.items() if key not in before or _is_of(task, module)}
     found = own | {key: Task(*game) for key, game in games_in(module).items() if key not in own}
     if (short := short_name(name)) not in found:
+        if callable(getattr(module, short, None)):
+            raise ValueError(
+                f"name: got {name!r}, and {short} does not say which config it takes; takes a function of one argument "
+                "that is annotated with a dataclass, or one that the file registers with maax.register(...)"
+            )
         raise ValueError(f"name: got {name!r}, whose file has the games {sorted(found)}; {TAKES}")
     register(name, *found[short])
 

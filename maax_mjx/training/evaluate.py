@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -191,13 +192,23 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
     if isinstance(given, Policy | Scripted):
         return given
     if not isinstance(given, str | Path) or not str(given):
-        raise ValueError(f"{argument}: got {described(given)}; takes a policy, a file, or one of {sorted(SCRIPTED)}")
+        raise ValueError(f"{argument}: got {described(given)}; {_takes_players(argument)}")
     text, at, steps = str(given).rpartition("@")
     if at and not Path(given).exists():
         return _past(argument, text, steps)
     if not file_of(Path(given)).exists():
-        check_choice(argument, str(given), [*SCRIPTED, *([SELF] if argument == "against" else []), *policies()])
+        near = get_close_matches(str(given), _names(argument), 1)
+        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ValueError(f"{argument}: got {str(given)!r}, and nothing is there{meant}; {_takes_players(argument)}")
     return Policy.load(given)
+
+
+def _names(argument: str) -> list[str]:
+    return sorted([*SCRIPTED, *([SELF] if argument == "against" else []), *policies()])
+
+
+def _takes_players(argument: str) -> str:
+    return f"takes a policy, its file, the folder of a run, or one of {_names(argument)}"
 
 
 def _past(argument: str, folder: str, steps: str) -> Policy:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 TINY = 60
@@ -81,6 +82,23 @@ def _of(n: int, size: tuple[int, int], n_lines: int, columns: int) -> Gallery:
     letters = int(min(max(min(width, height) * 0.055, SMALLEST), LARGEST))
     lines = min(n_lines, int(MOST * height / (letters * LINE))) if n > 1 else 0
     return Gallery(size, n, columns, letters, round(lines * letters * LINE) + (2 if lines else 0))
+
+
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom in pixels."""
+
+
+def lift(box: Box, taken: Sequence[Box]) -> float:
+    """Returns by how many pixels a word's box is to go up so that it lies over none of those that are taken."""
+    left, top, right, bottom = box
+    up = 0.0
+    # Each round goes above some of them, and never comes back.
+    for _ in taken:
+        under = [t for t in taken if t[0] < right and left < t[2] and t[1] < bottom - up and top - up < t[3]]
+        if not under:
+            break
+        up = bottom - min(t[1] for t in under)
+    return up
 
 
 def initials(name: str) -> str:

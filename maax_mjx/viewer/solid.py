@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from maax_mjx.common.colours import Colour
 from maax_mjx.viewer.camera import FOVY, place_camera
-from maax_mjx.viewer.gallery import arrange, initials
+from maax_mjx.viewer.gallery import Box, arrange, initials, lift
 from maax_mjx.viewer.gl import open_context
 from maax_mjx.viewer.materials import RGB, Paint
 from maax_mjx.viewer.palette import DARK, EYE, GRID, SKY, as_bytes, blend
@@ -212,11 +212,16 @@ class Solid:
         edged: dict[str, Any] = {"stroke_width": 2, "stroke_fill": "white"}
         for i, frame in enumerate(frames):
             x, y = gallery.corner(i)
+            taken: list[Box] = []
             for label in frame.labels if gallery.has_names else ():
                 at = self._camera.project(label.position[None], gallery.tile)[0] + (x, y + gallery.strip)
                 is_short = label.role == "name" and gallery.is_narrow
                 text, anchor = (initials(label.text), "mb") if is_short else (label.text, "mm")
                 colour = as_bytes(blend(label.rgba, EYE, 0.25))
+                box = pen.textbbox(tuple(at), text, font=small, anchor=anchor)
+                up = lift(box, taken)
+                taken.append((box[0], box[1] - up, box[2], box[3] - up))
+                at = at - (0, up)
                 pen.text(tuple(at), text, fill=colour, font=small, anchor=anchor, **edged)
             if not gallery.strip:
                 pen.multiline_text((12, 8), "\n".join(frame.text), fill=as_bytes(DARK), font=large, spacing=1, **edged)

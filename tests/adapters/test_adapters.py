@@ -118,7 +118,7 @@ def test_dicts_of_arrays_are_in_their_spaces(env, worlds):
     assert envs.observation_space.contains(obs)
     with pytest.raises(ValueError, match=r"options: got \['reset_mask'\]; takes 'stagger'"):
         envs.reset(options={"reset_mask": np.ones(16, bool)})
-    with pytest.raises(ValueError, match=r"actions: got shape \(16, 4\); takes \(16, 5\)"):
+    with pytest.raises(ValueError, match=r"actions: got shape \(16, 4\); takes an array \(16, 5\)"):
         envs.step(np.zeros((16, 4), int))
     # A list of rows, as Gymnasium's own batches take them.
     assert envs.step(list(envs.action_space.sample()))[1].shape == (16,)
@@ -228,7 +228,10 @@ def test_a_trained_policy_plays_the_others(tmp_path):
         ({"team": "seekers"}, "policy: got None with the team 'seekers'"),
         ({"policy": "random"}, "policy: got 'random' with the team None"),
         ({"team": "seeker", "policy": "random"}, "team: got 'seeker'; did you mean 'seekers'"),
-        ({"team": "seekers", "policy": "rando"}, "policy: got 'rando'; did you mean 'random'"),
+        (
+            {"team": "seekers", "policy": "rando"},
+            r"policy: got 'rando', and nothing is there \(did you mean 'random'\?\)",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(arguments, said, worlds):
@@ -236,6 +239,22 @@ def test_what_does_not_fit_is_refused(arguments, said, worlds):
         adapters.gymnasium_vector(worlds, **arguments)
     with pytest.raises(ValueError, match=r"takes maax\.Worlds"):
         adapters.gymnasium_vector(worlds.env)
+
+
+def test_seeds_and_actions_that_are_none_are_refused(env, worlds):
+    envs, world = adapters.gymnasium_vector(worlds), adapters.pettingzoo(env)
+    for reset in (envs.reset, world.reset):
+        for seed in ("a", -1, [1, 2]):
+            with pytest.raises(ValueError, match="seed: got"):
+                reset(seed=seed)
+    with pytest.raises(ValueError, match="seed: got 'x'"):
+        adapters.gymnasium_vector(worlds, seed="x")
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match=r"actions: got None; takes what action_space\.sample"):
+        envs.step(None)
+    world.reset(seed=0)
+    with pytest.raises(ValueError, match=r"actions: got \['bob'\]; takes those of"):
+        world.step({agent: world.action_space(agent).sample() for agent in world.agents} | {"bob": 0})
 
 
 def test_worlds_of_pmap_are_refused(env):
@@ -306,6 +325,8 @@ def test_jaxmarls_interface(jaxmarl):
     numbers = np.ravel_multi_index(bins.T, (3, 3, 3))
     chosen = dict(zip(game.agents, jnp.asarray(numbers), strict=True))
     wanted = jax.jit(game.env.step)(state, {"move": jnp.asarray(bins)})
+    with pytest.raises(ValueError, match=r"actions: got those of \['player_0'\]; takes one of each of"):
+        game.step(jax.random.PRNGKey(0), state, {"player_0": chosen["player_0"]})
     for i in range(3):
         obs, state, reward, done, _ = step(jax.random.PRNGKey(i), state, chosen)
         if i == 0:
@@ -360,3 +381,5 @@ def test_tensors_are_the_arrays(worlds):
         tensors = step.obs
     again = agents.reset(seed=5)
     assert library.equal(again, kept), "what was given before is not written over"
+    with pytest.raises(ValueError, match=r"actions: got .*; takes a tensor on cpu"):
+        agents.step(envs.action_space.sample())

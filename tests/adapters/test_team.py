@@ -111,3 +111,7 @@ def test_what_is_refused(env):
         OneTeam(env, "seekers")
     with pytest.raises(ValueError, match="team: got 'seeker'; did you mean 'seekers'"):
         OneTeam(env, "seeker", "random")
+    whole = OneTeam(env)
+    for size in (1, 2 * whole.action_size):
+        with pytest.raises(ValueError, match=rf"action: got shape \({size},\); takes \({whole.action_size},\)"):
+            whole.action(np.zeros(size))

@@ -72,14 +72,25 @@ def test_what_a_file_registers_is_a_game(mine):
     assert maax.make("own_game.py:meadow", impl="c").base.floor_size == 7
     assert maax.make("meadow", impl="c").base.floor_size == 7
     with pytest.raises(ValueError, match=r"whose file has the games \['meadow', 'pitch'\]"):
-        maax.make("own_game.py:helper")
+        maax.make("own_game.py:moor")
+
+
+def test_one_game_by_several_paths(mine, monkeypatch):
+    monkeypatch.chdir(mine)
+    for path in ("own_game.py", "./own_game.py", f"{mine}/own_game.py", f"../{mine.name}/own_game.py"):
+        assert brought.is_same_game(f"{path}:pitch", "own_game.py:pitch")
+        assert not brought.is_same_game(f"{path}:pitch", "own_game.py:helper")
+    assert not brought.is_same_game("other.py:pitch", "own_game.py:pitch")
+    assert not brought.is_same_game("pitch", "own_game.py:pitch")
+    assert brought.is_same_game("tag", "tag")
 
 
 @pytest.mark.parametrize(
     ("name", "said"),
     [
         ("own_game.py:pich", r"whose file has the games \['pitch'\]"),
-        ("own_game.py:nothing", r"whose file has the games \['pitch'\]"),
+        ("own_game.py:nothing", "nothing does not say which config it takes; takes a function of one argument"),
+        ("own_game.py:helper", "helper does not say which config it takes; takes .* registers with maax.register"),
         ("other.py:pitch", "there is no file .*other.py"),
         ("own_game.py", "a file without the name of a game; takes .*my_game.py:football"),
         ("broken.py:pitch", r"cannot be imported \(ZeroDivisionError: division by zero\)"),

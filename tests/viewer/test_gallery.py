@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import maax_mjx as maax
-from maax_mjx.viewer.gallery import LINE, arrange, initials
+from maax_mjx.viewer.gallery import LINE, arrange, initials, lift
 from maax_mjx.viewer.palette import SKY, as_bytes
 
 N, SIZE = 8, (640, 480)
@@ -64,3 +64,17 @@ def test_every_world_is_seen_in_its_tile():
         assert blue.sum() > 2 * 40
         assert red.sum() > 2 * 40
     assert (np.abs(images[0].astype(int) - as_bytes(SKY)).max(axis=2) > 2).mean() > 0.45
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 40)] * 2, st.integers(1, 30), st.integers(1, 12)), max_size=12))
+def test_words_lie_over_none_before_them(drawn):
+    """However they crowd, and those in nobody's way stay."""
+    taken = []
+    for x, y, wide, high in drawn:
+        up = lift((x, y, x + wide, y + high), taken)
+        box = (x, y - up, x + wide, y + high - up)
+        apart = [box[2] <= t[0] or t[2] <= box[0] or box[3] <= t[1] or t[3] <= box[1] for t in taken]
+        assert all(apart)
+        was = [x + wide <= t[0] or t[2] <= x or y + high <= t[1] or t[3] <= y for t in taken]
+        assert up == 0 if all(was) else up > 0
+        taken.append(box)
