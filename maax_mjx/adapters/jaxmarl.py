@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent, choices_of
+from maax_mjx.common.checks import check_choice
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
 
@@ -69,6 +70,12 @@ def jaxmarl(env: Environment) -> Any:
         def name(self) -> str:
             made = env.made_from
             return made.name if made else type(env).__name__
+
+        def observation_space(self, agent: str) -> Any:
+            return self.observation_spaces[check_choice("agent", agent, self.agents)]
+
+        def action_space(self, agent: str) -> Any:
+            return self.action_spaces[check_choice("agent", agent, self.agents)]
 
         def reset(self, key: jax.Array) -> tuple[dict[str, jax.Array], Any]:
             # Keys are of the old kind there.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_count
+from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import render
@@ -60,10 +60,10 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
             self._state: Any = None
 
         def observation_space(self, agent: str) -> Any:
-            return self.observation_spaces[agent]
+            return self.observation_spaces[check_choice("agent", agent, self.possible_agents)]
 
         def action_space(self, agent: str) -> Any:
-            return self.action_spaces[agent]
+            return self.action_spaces[check_choice("agent", agent, self.possible_agents)]
 
         def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
             if seed is not None:

@@ -255,6 +255,8 @@ def test_seeds_and_actions_that_are_none_are_refused(env, worlds):
     world.reset(seed=0)
     with pytest.raises(ValueError, match=r"actions: got \['bob'\]; takes those of"):
         world.step({agent: world.action_space(agent).sample() for agent in world.agents} | {"bob": 0})
+    with pytest.raises(ValueError, match="agent: got 'bob'"):
+        world.action_space("bob")
 
 
 def test_worlds_of_pmap_are_refused(env):
@@ -318,6 +320,8 @@ def test_jaxmarls_interface(jaxmarl):
     game = adapters.jaxmarl(maax.DiscretizeActions(maax.make("tag", **few), 3))
     assert game.agents == [f"player_{i}" for i in range(4)]
     space = game.action_space("player_0")
+    with pytest.raises(ValueError, match="agent: got 'bob'"):
+        game.observation_space("bob")
     assert (space.arguments[0] if jaxmarl is None else space.n) == 27
     reset, step = jax.jit(game.reset), jax.jit(game.step)
     _, state = reset(jax.random.PRNGKey(seeds.seed(0)))
