@@ -9,10 +9,9 @@ import jax.numpy as jnp
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks.walking import face, next_step, walk
+from maax_mjx.tasks.walking import face, next_step, task_of, walk
 from maax_mjx.wrappers import BlueprintReward
 from maax_mjx.wrappers.enclosure import Footprints
-from maax_mjx.wrappers.wrapper import find
 
 NEAR = 0.09
 """Metres from a site's corners within which those of a box lie: a little less than what counts."""
@@ -32,18 +31,6 @@ TURN, TURN_FRICTION = 0.02, 0.06
 """Shares of full torque likewise."""
 
 
-def blueprint_task_of(env: Environment) -> BlueprintReward:
-    """Returns the building task of a game.
-
-    Raises:
-        ValueError: an environment without `BlueprintReward`.
-    """
-    task = find(env, BlueprintReward)
-    if task is None:
-        raise ValueError("blueprint: got a game without BlueprintReward; takes blueprint")
-    return task
-
-
 def blueprint(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, dict[str, Any]]:
     """Returns the actions of an agent that carries a box to every construction site, one after the other.
 
@@ -53,7 +40,7 @@ def blueprint(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array
     Raises:
         ValueError: an environment without `BlueprintReward`.
     """
-    task = blueprint_task_of(env)
+    task = task_of(env, BlueprintReward, "blueprint")
     boxes, sites = task.boxes, task.sites
     there, wanted = state.world.active[boxes.kind], state.world.active[sites.kind]
     at, yaw = state.data.qpos[boxes.qpos_ids[:, :2]], state.data.qpos[boxes.qpos_ids[:, 3]]

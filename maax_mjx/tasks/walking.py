@@ -13,7 +13,7 @@ from maax_mjx.core.state import State
 from maax_mjx.layout.plan import RoomPlan
 from maax_mjx.wrappers.enclosure import Footprints, walls_of
 from maax_mjx.wrappers.lock_tasks import LockTask
-from maax_mjx.wrappers.wrapper import find
+from maax_mjx.wrappers.wrapper import W, find
 
 CELLS = 60
 """Cells along an edge of the floor in which ways are looked for."""
@@ -92,15 +92,20 @@ def face(state: State, env: Environment, agent: int, to: jax.Array) -> jax.Array
     return jnp.clip(TURN * jnp.arctan2(jnp.sin(off), jnp.cos(off)), -1, 1)
 
 
-def lock_task_of(env: Environment) -> LockTask:
-    """Returns the lock task of a game.
+def task_of(env: Environment, kind: type[W], game: str) -> W:
+    """Returns the wrapper that pays for a task.
+
+    Args:
+        env: the game that is played.
+        kind: of the wrapper.
+        game: name of the game that has one, and of the script that plays it.
 
     Raises:
-        ValueError: an environment without `LockTask`.
+        ValueError: an environment without one.
     """
-    task = find(env, LockTask)
+    task = find(env, kind)
     if task is None:
-        raise ValueError("lock_and_return: got a game without LockTask; takes lock_and_return")
+        raise ValueError(f"{game}: got a game without {kind.__name__}; takes {game}")
     return task
 
 
@@ -113,7 +118,7 @@ def lock_and_return(state: State, env: Environment, agent: int = 0) -> tuple[jax
     Raises:
         ValueError: an environment without `LockTask`.
     """
-    task = lock_task_of(env)
+    task = task_of(env, LockTask, "lock_and_return")
     progress = state.mechanics[task.name]
     objects = state.data.qpos[task.module.qpos_ids[:, :2]]
     goal = jnp.where(progress.target >= 0, objects[progress.target], progress.spawn)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.tasks import scripted, walking
-from maax_mjx.wrappers import GrabObjects, LockObjects
+from maax_mjx.wrappers import GrabObjects, LockObjects, LockTask
 from maax_mjx.wrappers.wrapper import find
 
 Script = Callable[[Environment, State, jax.Array], Any]
@@ -86,7 +86,7 @@ def _lock_and_return(env: Environment, state: State, key: jax.Array) -> Any:
 
 
 def _has_lock_task(env: Environment) -> None:
-    walking.lock_task_of(env)
+    walking.task_of(env, LockTask, "lock_and_return")
 
 
 def _can_close_doors(env: Environment) -> None:

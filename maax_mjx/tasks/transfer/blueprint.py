@@ -11,9 +11,9 @@ from maax_mjx.layout import published_middle_placement
 from maax_mjx.modules import ConstructionSites
 from maax_mjx.modules.placed import MOST
 from maax_mjx.tasks.config import Config
-from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig, arguments
+from maax_mjx.tasks.hide_and_seek import arguments
 from maax_mjx.tasks.standard import Number
-from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
+from maax_mjx.tasks.transfer.common import BoxesConfig, as_in_hide_and_seek, one_agent
 from maax_mjx.wrappers import BlueprintReward
 from maax_mjx.wrappers.blueprint import Steepness
 
@@ -32,7 +32,7 @@ class BlueprintRewardConfig(Config):
 
 
 @dataclass(frozen=True)
-class BlueprintConfig(TransferConfig):
+class BlueprintConfig(BoxesConfig):
     """`blueprint.jsonnet`: eight boxes, of which some are to be brought to 1 to 4 sites; then the episode ends.
 
     Attributes:
@@ -42,13 +42,10 @@ class BlueprintConfig(TransferConfig):
     """
 
     n_boxes: Number = 8
-    n_ramps: Number = 0
     n_sites: Sites = (1, 4)
     site_middle: Share = 0.85
     wall_friction: NonNegativeRange | None = 0.01
     horizon: PositiveCount = 150
-    lock: LockConfig = field(default_factory=lambda: LockConfig(objects=("box",), in_vision_only=True))
-    grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(objects=("box",), in_vision_only=True))
     task: BlueprintRewardConfig = field(default_factory=BlueprintRewardConfig)
 
 

@@ -11,7 +11,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.modules import Module
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments, with_lidar
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
-from maax_mjx.tasks.standard import GameConfig, Placement, ScenarioNames, Side, world
+from maax_mjx.tasks.standard import GameConfig, Number, Placement, ScenarioNames, Side, world
 from maax_mjx.worldgen import WorldParams
 from maax_mjx.wrappers import (
     AgentAgentContactMask2D,
@@ -55,6 +55,15 @@ class TransferConfig(GameConfig):
     lidar: LidarConfig | None = field(default_factory=LidarConfig)
     n_bins: Bins | None = 11
     observations: Annotated[str, OneOf(OBSERVATIONS)] = "split"
+
+
+@dataclass(frozen=True)
+class BoxesConfig(TransferConfig):
+    """A task with boxes and without ramps; see `TransferConfig`."""
+
+    n_ramps: Number = 0
+    lock: LockConfig = field(default_factory=lambda: LockConfig(objects=("box",), in_vision_only=True))
+    grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(objects=("box",), in_vision_only=True))
 
 
 def one_agent(config: TransferConfig, *modules: Module, first: Sequence[Module] = ()) -> Environment:

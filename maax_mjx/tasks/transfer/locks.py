@@ -9,9 +9,9 @@ from maax_mjx.common.annotated import Count, NonNegative, NonNegativeRange, Posi
 from maax_mjx.common.checks import check_count_range
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks.config import Config
-from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments
+from maax_mjx.tasks.hide_and_seek import LidarConfig, LockConfig, arguments
 from maax_mjx.tasks.standard import Number, Placement, Placements, ScenarioNames
-from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
+from maax_mjx.tasks.transfer.common import BoxesConfig, TransferConfig, as_in_hide_and_seek, one_agent
 from maax_mjx.wrappers import LockInOrder, LockTask
 
 N_ROOMS = 3
@@ -33,7 +33,7 @@ class LockTaskConfig(Config):
 
 
 @dataclass(frozen=True)
-class LockAndReturnConfig(TransferConfig):
+class LockAndReturnConfig(BoxesConfig):
     """`lock_and_return.jsonnet`: find the box in one of six rooms, lock it, and come back.
 
     Attributes:
@@ -43,11 +43,8 @@ class LockAndReturnConfig(TransferConfig):
     scenario: ScenarioNames = "random"
     n_rooms: PositiveCountRange = 6
     n_boxes: Number = 1
-    n_ramps: Number = 0
     wall_friction: NonNegativeRange | None = None
     horizon: PositiveCount = 120
-    lock: LockConfig = field(default_factory=lambda: LockConfig(objects=("box",), in_vision_only=True))
-    grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(objects=("box",), in_vision_only=True))
     task: LockTaskConfig = LockTaskConfig(and_return=True)
 
 

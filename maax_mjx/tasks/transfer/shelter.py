@@ -9,10 +9,10 @@ from maax_mjx.core.env import Environment
 from maax_mjx.layout import published_middle_placement
 from maax_mjx.modules import StaticCylinders
 from maax_mjx.tasks.config import Config
-from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig, arguments
+from maax_mjx.tasks.hide_and_seek import arguments
 from maax_mjx.tasks.standard import Number
 from maax_mjx.tasks.transfer.blueprint import Share
-from maax_mjx.tasks.transfer.common import TransferConfig, as_in_hide_and_seek, one_agent
+from maax_mjx.tasks.transfer.common import BoxesConfig, as_in_hide_and_seek, one_agent
 from maax_mjx.wrappers import SelectObservations, ShelterReward
 
 
@@ -25,7 +25,7 @@ class ShelterRewardConfig(Config):
 
 
 @dataclass(frozen=True)
-class ShelterConfig(TransferConfig):
+class ShelterConfig(BoxesConfig):
     """`shelter.jsonnet`: eight boxes, three of them elongated, to be put around a cylinder that stands fast.
 
     MJX's own physics (`impl="jax"`) has no contacts between a cylinder and a box: this takes `c` or `warp`.
@@ -40,15 +40,12 @@ class ShelterConfig(TransferConfig):
 
     n_boxes: Number = 8
     n_elongated_boxes: Number = 3
-    n_ramps: Number = 0
     cylinder_diameter: PositiveRange = (1.5, 2.0)
     cylinder_height: Positive = 0.5
     cylinder_middle: Share = 0.7
     sees_cylinder: bool = False
     wall_friction: NonNegativeRange | None = 0.01
     horizon: PositiveCount = 240
-    lock: LockConfig = field(default_factory=lambda: LockConfig(objects=("box",), in_vision_only=True))
-    grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(objects=("box",), in_vision_only=True))
     task: ShelterRewardConfig = field(default_factory=ShelterRewardConfig)
 
 
