@@ -141,10 +141,15 @@ class Composition:
         Raises:
             ValueError: an unknown name, a module whose objects cannot move, a name given twice, or the agents.
         """
-        known = {m.name: m for m in self._modules.values() if isinstance(m, Entities) and not isinstance(m, Agents)}
-        if isinstance(names, str) or len(set(names)) < len(names):
-            raise ValueError(f"objects: got {names!r}; takes a list of different names of {sorted(known)}")
-        return [known[check_choice("objects", name, known)] for name in names]
+        return _named(names, {m.name: m for m in self._modules.values() if _is_object(m)})
+
+    def objects_and_sites(self, names: Sequence[str]) -> list[Entities | Sites]:
+        """Returns the modules of these names, of objects that can move or of marks on the floor.
+
+        Raises:
+            ValueError: an unknown name, another module, a name given twice, or the agents.
+        """
+        return _named(names, {m.name: m for m in self._modules.values() if _is_object(m) or isinstance(m, Sites)})
 
     @property
     def sites(self) -> dict[str, Sites]:
@@ -312,3 +317,14 @@ class Composition:
     def _limits(self) -> ArenaLimits | None:
         limited = any(module.limits_arena for module in self._modules.values())
         return ArenaLimits(self.movables, self.world_params.timestep) if limited else None
+
+
+def _is_object(module: Module) -> bool:
+    """Whether it has objects that can move, other than agents."""
+    return isinstance(module, Entities) and not isinstance(module, Agents)
+
+
+def _named(names: Sequence[str], known: Mapping[str, Any]) -> list[Any]:
+    if isinstance(names, str) or len(set(names)) < len(names):
+        raise ValueError(f"objects: got {names!r}; takes a list of different names of {sorted(known)}")
+    return [known[check_choice("objects", name, known)] for name in names]

@@ -207,9 +207,7 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
         ValueError: a radius that is not positive, or a name that is not a string; with `Base`, an object that there is
             not, or that is placed later.
     """
-    radius = check_positive("radius", radius)
-    if not isinstance(to, str):
-        raise ValueError(f"to: got {to!r}; takes an object's name, such as 'box0'")
+    radius, to = check_positive("radius", radius), _check_anchor(to)
 
     def placement(layout: Layout, cells: jax.Array) -> jax.Array:
         anchor = layout.objects.get(to, jnp.zeros(3))
@@ -218,6 +216,32 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
 
     placement.anchors = frozenset([to])  # type: ignore[attr-defined]
     placement.__name__ = f"proximity_placement({radius:g}, {to!r})"
+    return placement
+
+
+@made
+def published_proximity_placement(radius: float, to: str) -> PlacementFn:
+    """A placement near the object named `to`, in the range of cells of OpenAI's `close_to_other_object_placement`.
+
+    With r cells in the radius, rounded up, the lowest cell of an object is from r cells below that of the other to
+    r - 1 above it on each axis, and not on the edge of the floor: a square, where `proximity_placement` has a disc.
+    The other object has as many cells. Anywhere in a world where that object is not in play.
+
+    Raises:
+        ValueError: as `proximity_placement`.
+    """
+    radius, to = check_positive("radius", radius), _check_anchor(to)
+
+    def placement(layout: Layout, cells: jax.Array) -> jax.Array:
+        anchor, g = layout.objects.get(to, jnp.zeros(3)), layout.grid.size
+        reach = jnp.ceil(radius / layout.grid.cell - ROUNDING)
+        corner = jnp.round(anchor[:2] / layout.grid.cell - cells / 2)
+        low, high = jnp.maximum(corner - reach, 1), jnp.minimum(corner + reach, g - 1)
+        along = [(jnp.arange(g) >= low[i]) & (jnp.arange(g) < high[i]) for i in range(2)]
+        return _or_anywhere(along[0][:, None] & along[1], anchor[2] > 0)
+
+    placement.anchors = frozenset([to])  # type: ignore[attr-defined]
+    placement.__name__ = f"published_proximity_placement({radius:g}, {to!r})"
     return placement
 
 
@@ -299,6 +323,12 @@ def _combined(name: str, fns: tuple[PlacementFn, ...], combine: Callable) -> Pla
     placement.__name__ = f"{name}({', '.join(map(name_of, fns))})"
     needs_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in fns)
     return requires_quadrant(placement) if needs_quadrant else placement
+
+
+def _check_anchor(to: str) -> str:
+    if not isinstance(to, str):
+        raise ValueError(f"to: got {to!r}; takes an object's name, such as 'box0'")
+    return to
 
 
 def _check_fraction(fraction: float) -> float:

@@ -19,6 +19,8 @@ from maax_mjx.physics.fields import Fields, Overlay
 BOX, SPHERE = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_SPHERE)
 CYLINDER, MESH = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_MESH)
 PARALLEL = 1e-9
+NO_BODY = -1
+"""In place of the id of a body, where there is none."""
 
 Interval = tuple[jax.Array, jax.Array]
 

@@ -2,7 +2,9 @@
 
 from maax_mjx.tasks.brought import is_in_a_file, short_name
 from maax_mjx.tasks.capture_the_flag import CaptureTheFlagConfig, capture_the_flag
+from maax_mjx.tasks.food import FoodConfig
 from maax_mjx.tasks.hide_and_seek import (
+    FoodGameConfig,
     FullConfig,
     GrabConfig,
     HideAndSeekConfig,
@@ -32,6 +34,7 @@ register("standard", standard, StandardConfig)
 register("hide_and_seek", hide_and_seek, HideAndSeekConfig)
 register("hide_and_seek_quadrant", hide_and_seek, QuadrantConfig)
 register("hide_and_seek_full", hide_and_seek, FullConfig)
+register("hide_and_seek_food", hide_and_seek, FoodGameConfig)
 register("tag", tag, TagConfig)
 register("capture_the_flag", capture_the_flag, CaptureTheFlagConfig)
 register("blueprint", blueprint, BlueprintConfig)
@@ -44,6 +47,8 @@ register("shelter", shelter, ShelterConfig)
 __all__ = [
     "BlueprintConfig",
     "CaptureTheFlagConfig",
+    "FoodConfig",
+    "FoodGameConfig",
     "FullConfig",
     "GameConfig",
     "GrabConfig",

@@ -16,7 +16,9 @@ from maax_mjx.common.annotated import (
     PositiveRange,
 )
 from maax_mjx.core.env import Environment
+from maax_mjx.modules import Food
 from maax_mjx.tasks.config import Config
+from maax_mjx.tasks.food import FoodConfig, food_of, with_food
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
 from maax_mjx.tasks.standard import GameConfig, HidersAndSeekers, Number, Placement, ScenarioNames, world
 from maax_mjx.worldgen import WorldParams
@@ -39,6 +41,8 @@ from maax_mjx.wrappers.locks.rules import LOCK_TYPES
 from maax_mjx.wrappers.locks.slots import METHODS
 from maax_mjx.wrappers.rewards import CATCHES, REW_TYPES
 from maax_mjx.wrappers.senses import CONE, FRAMES, Cone, RayCount
+
+QUAD = "quad"
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
         by, rew_type: see `HideAndSeekReward`.
         cone: full angle of `LineOfSight` in radians; None leaves vision out.
         lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
+        food: food and who may eat it; needs `cone`. None leaves it out.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
         stats: whether `metrics` have the statistics of `TrackStats`.
         tools: whether they have those of `TrackTools`, for evaluation.
@@ -106,6 +111,7 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
     grab: GrabConfig | None = None
     lidar: LidarConfig | None = None
     rect: RectConfig | None = None
+    food: FoodConfig | None = None
     n_bins: Bins | None = None
     stats: bool = True
     tools: bool = False
@@ -180,16 +186,31 @@ class FullConfig(QuadrantConfig):
     rect: RectConfig | None = RectConfig((-6.0, -6.0, 12.0, 12.0), penalize_objects_out=False)
 
 
+@dataclass(frozen=True)
+class FoodGameConfig(FullConfig):
+    """Hide and seek with food: `hide_and_seek_full` with the food that its published config describes.
+
+    Hiders also get the mean of what they eat: a unit of a piece at every step in which they see it, are nearer than
+    0.5 m, and no seeker sees a hider, after preparation. A piece has 40 units and comes back 5 steps after the last.
+    The published config has all these numbers and no food, n_food 0; four pieces are ours.
+    """
+
+    food: FoodConfig | None = field(default_factory=FoodConfig)
+
+
 def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     """Builds the game of a config.
 
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
-    env: Environment = TeamMembership(world(config, config.sides))
-    env = AgentAgentContactMask2D(env)
+    base = world(config, config.sides)
+    if config.food is not None:
+        base.add_module(food_of(config.food, QUAD in (config.scenario, *config.scenario)))
+    env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     if config.cone is not None:
-        env = LineOfSight(env, config.cone)
+        seen = ("box", "ramp") if config.food is None else ("box", "ramp", Food.kind)
+        env = LineOfSight(env, config.cone, seen)
     env = with_lidar(env, config.lidar, config.observations)
     if config.lock is not None:
         env = LockObjects(env, **arguments(config.lock))
@@ -199,6 +220,8 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     if config.rect is not None:
         env = RestrictAgentsRect(env, **arguments(config.rect))
     env = PreparationPhase(env, config.prep_fraction, config.blind)
+    if config.food is not None:
+        env = with_food(env, config.food)
     if config.stats:
         env = TrackStats(env)
     if config.tools:

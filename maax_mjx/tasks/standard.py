@@ -280,8 +280,17 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
 def _placements(argument: str, given: Placements) -> PlacementFn | list[PlacementFn]:
     """Returns the placement function of all objects of a kind, or that of each of them."""
     if isinstance(given, list | tuple):
-        return [_placement(argument, one)[0] for one in given]
-    return _placement(argument, given)[0]
+        return [placement_of(argument, one) for one in given]
+    return placement_of(argument, given)
+
+
+def placement_of(argument: str, placement: Placement) -> PlacementFn:
+    """Returns the placement function that a config's field has, or names.
+
+    Raises:
+        ValueError: an unknown name.
+    """
+    return _placement(argument, placement)[0]
 
 
 def _placement(argument: str, placement: Placement, first: str = "", n: int = 1) -> list[PlacementFn]:

@@ -8,10 +8,11 @@ from maax_mjx.wrappers.critic import CriticObservations
 from maax_mjx.wrappers.ego import EgocentricObservations
 from maax_mjx.wrappers.extend import extended
 from maax_mjx.wrappers.flatten import FlattenObservations, MaskObservations
+from maax_mjx.wrappers.food import AlwaysEat, EatFood
 from maax_mjx.wrappers.grabs import GrabObjects
 from maax_mjx.wrappers.lock_tasks import LockInOrder, LockTask, LockTogether
 from maax_mjx.wrappers.locks import LockObjects
-from maax_mjx.wrappers.masks import MaskActions, MaskUnseenAction
+from maax_mjx.wrappers.masks import MaskActions, MaskPreparationAction, MaskUnseenAction
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
 from maax_mjx.wrappers.select import ConcatenateObservations, SelectObservations, SpoofEntities
@@ -35,11 +36,13 @@ from maax_mjx.wrappers.wrapper import (
 __all__ = [
     "ActionWrapper",
     "AgentAgentContactMask2D",
+    "AlwaysEat",
     "BlueprintReward",
     "CaptureTheFlag",
     "ConcatenateObservations",
     "CriticObservations",
     "DiscretizeActions",
+    "EatFood",
     "EgocentricObservations",
     "FlattenObservations",
     "GrabObjects",
@@ -52,6 +55,7 @@ __all__ = [
     "LockTogether",
     "MaskActions",
     "MaskObservations",
+    "MaskPreparationAction",
     "MaskUnseenAction",
     "ObservationWrapper",
     "PreparationPhase",

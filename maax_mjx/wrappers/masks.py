@@ -13,6 +13,7 @@ from maax_mjx.common.checks import check_choice
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.actions import DiscretizeActions
+from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.senses import LineOfSight
 from maax_mjx.wrappers.teams import HIDERS, SEEKERS, TeamMembership
 from maax_mjx.wrappers.wrapper import ActionWrapper
@@ -58,6 +59,30 @@ class MaskActions(ActionWrapper):
         if isinstance(names, str):
             raise ValueError(f"mask: got {names!r}; takes a function, or a list of names of {list(senses)}")
         return tuple(check_choice("mask", name, senses) for name in names)
+
+
+class MaskPreparationAction(ActionWrapper):
+    """Zeroes one action of all agents in the preparation phase (OpenAI's MaskPrepPhaseAction).
+
+    Args:
+        env: environment to wrap.
+        action: name of the action.
+
+    Raises:
+        ValueError: an unknown action, or a missing wrapper.
+    """
+
+    requires = (PreparationPhase,)
+    precedes = (DiscretizeActions,)
+
+    def __init__(self, env: Environment, action: str):
+        super().__init__(env)
+        self.masked = check_choice("action", action, env.action_space.spaces)
+        self._n_steps = self.inner(PreparationPhase).n_steps
+
+    def action(self, state: State, action: dict[str, Any]) -> dict[str, Any]:
+        part = jnp.asarray(action[self.masked])
+        return {**action, self.masked: jnp.where(state.step < self._n_steps, jnp.zeros_like(part), part)}
 
 
 class MaskUnseenAction(ActionWrapper):

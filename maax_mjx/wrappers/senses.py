@@ -15,9 +15,9 @@ from maax_mjx.common.checks import check_choice, check_positive
 from maax_mjx.common.observed import AGENT, Column, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.modules import Entities
+from maax_mjx.modules import Entities, Sites
 from maax_mjx.modules.from_model import from_model
-from maax_mjx.physics.rays import Rays
+from maax_mjx.physics.rays import NO_BODY, Rays
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper
 
@@ -45,12 +45,13 @@ class LineOfSight(_Senses):
     """Adds `sees_agent` (n_agents, n_agents), `sees_box` (n_agents, n_boxes), ... bool: what every agent sees.
 
     An agent sees what is in the cone ahead of it, seen from above, and is the first thing that a ray from centre to
-    centre meets (Baker et al.). Agents see themselves; absent agents see nothing and are not seen.
+    centre meets; of marks without a body, such as food, those that a ray gets to (Baker et al.). Agents see themselves;
+    absent agents see nothing and are not seen.
 
     Args:
         env: environment to wrap.
         cone: full angle of the cone in radians; 135 degrees by default.
-        objects: names of the modules that agents can see in addition to agents.
+        objects: names of the modules that agents can see in addition to agents: of objects, or of marks on the floor.
 
     Raises:
         ValueError: an angle that is not in (0, 2 pi], or an unknown module.
@@ -61,7 +62,7 @@ class LineOfSight(_Senses):
     def __init__(self, env: Environment, cone: float = CONE, objects: Sequence[str] = ("box", "ramp")):
         super().__init__(env)
         self.half_cone = check_value("cone", cone, Cone) / 2
-        modules = [self.base.agents, *self.base.objects(objects)]
+        modules: list[Entities | Sites] = [self.base.agents, *self.base.objects_and_sites(objects)]
         self.modules = [module for module in modules if module.n_max]
 
     @property
@@ -89,18 +90,19 @@ class LineOfSight(_Senses):
         return self.remember(super().blind(state, who), null_rows(state.mechanics[self.name], who))
 
     def observe(self, state: State) -> State:
-        bodies = np.concatenate([m.body_ids for m in self.modules])
+        bodies = np.concatenate([_bodies(m) for m in self.modules])
         eyes, heading = self._eyes(state)
-        to = state.data.xpos[bodies] - eyes[:, None]
+        to = jnp.concatenate([_centres(m, state) for m in self.modules]) - eyes[:, None]
         away = jnp.linalg.norm(to, axis=-1)
         turn = jnp.arctan2(to[..., 1], to[..., 0]) - heading[:, None]
         turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
         direction = to / jnp.maximum(away, 1e-6)[..., None]
-        _, geom = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
-        met = jnp.asarray(self.base.model.geom_bodyid)[geom]
+        free, geom = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
+        met = jnp.where(geom < 0, NO_BODY, jnp.asarray(self.base.model.geom_bodyid)[geom])
+        reached = jnp.where(bodies == NO_BODY, free >= away, met == bodies)
         there = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         itself = bodies == self.base.agents.body_ids[:, None]
-        seen = ((jnp.abs(turn) <= self.half_cone) & (met == bodies) & (geom >= 0)) | itself
+        seen = ((jnp.abs(turn) <= self.half_cone) & reached) | itself
         seen &= there & self.playing(state)[:, None]
         parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
         masks = dict(zip(self.senses, parts, strict=True))
@@ -109,6 +111,16 @@ class LineOfSight(_Senses):
     def declared(self) -> dict[str, Observed]:
         sees = {f"sees_{m.kind}": Observed((AGENT, m.kind)) for m in self.modules}
         return self.env.declared() | sees
+
+
+def _bodies(module: Entities | Sites) -> np.ndarray:
+    """Ids (n,) of the bodies of a module's objects; marks on the floor have none."""
+    return np.full(module.n_max, NO_BODY) if isinstance(module, Sites) else module.body_ids
+
+
+def _centres(module: Entities | Sites, state: State) -> jax.Array:
+    """Centres (n, 3) of a module's objects, in metres."""
+    return state.world.sites[module.kind] if isinstance(module, Sites) else state.data.xpos[module.body_ids]
 
 
 class Lidar(_Senses, ObservationWrapper):

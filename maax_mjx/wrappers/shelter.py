@@ -11,12 +11,11 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import StaticCylinders
 from maax_mjx.modules.from_model import from_model
-from maax_mjx.physics.rays import Rays
+from maax_mjx.physics.rays import NO_BODY, Rays
 from maax_mjx.wrappers.wrapper import RewardWrapper
 
 INSET = 1.01
 """Cells between the edge of the floor and where rays start."""
-NO_BODY = -1
 
 
 class ShelterReward(RewardWrapper):

@@ -12,6 +12,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.food import EatFood
 from maax_mjx.wrappers.locks.wrapper import LockObjects
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward
@@ -40,21 +41,22 @@ class TrackStats(StateWrapper):
 
     - `max_box_move`, `max_ramp_move`, ...: metres from its start of the box, ramp, ... that moved furthest.
     - `boxes_locked`, `ramps_locked`, ...: number of locked ones; with `LockObjects` inside.
+    - `food_eaten`: units of food that all agents ate; with `EatFood` inside.
     - `distance_run` (n_agents,): metres that every agent has travelled.
     - `catches`: times that a seeker began to touch a hider after preparation; with `AgentAgentContactMask2D` and
       `TeamMembership` inside.
     - `caught`: share of the steps after preparation in which a hider was caught by the game's rule, by touch or by
       sight; with `HideAndSeekReward` inside.
 
-    With `PreparationPhase` inside, the statistics of objects are also there as `<name>_prep`, at their values after the
-    phase's last step, and zero before.
+    With `PreparationPhase` inside, the statistics of objects and food are also there as `<name>_prep`, at their values
+    after the phase's last step, and zero before.
 
     Args:
         env: environment to wrap.
     """
 
     name = "stats"
-    follows = (AgentAgentContactMask2D, HideAndSeekReward, LockObjects, PreparationPhase, TeamMembership)
+    follows = (AgentAgentContactMask2D, EatFood, HideAndSeekReward, LockObjects, PreparationPhase, TeamMembership)
 
     def __init__(self, env: Environment):
         super().__init__(env)
@@ -63,6 +65,7 @@ class TrackStats(StateWrapper):
         preparation = find(env, PreparationPhase)
         self._prep_steps = None if preparation is None else preparation.n_steps
         self._rule = find(env, HideAndSeekReward)
+        self._food = find(env, EatFood)
         teams = find(env, TeamMembership)
         self._catches = teams is not None and find(env, AgentAgentContactMask2D) is not None
         if teams is not None:
@@ -107,7 +110,7 @@ class TrackStats(StateWrapper):
         return self.remember(state, stats).replace(metrics=state.metrics | stats.totals | things)
 
     def _things(self, state: State, start: jax.Array, here: jax.Array) -> dict[str, jax.Array]:
-        """Returns how far objects are from their starts, and how many are locked."""
+        """Returns how far objects are from their starts, how many are locked, and how much food was eaten."""
         numbers: dict[str, jax.Array] = {}
         away = jnp.linalg.norm(here - start, axis=1)
         for module in self._modules:
@@ -119,6 +122,8 @@ class TrackStats(StateWrapper):
             locked = jnp.split(state.mechanics[layer.name].locked, parts)
             for module, part in zip(layer.modules, locked, strict=True):
                 numbers[f"{module.plural}_locked"] = part.sum().astype(jnp.int32)
+        if self._food is not None:
+            numbers["food_eaten"] = state.mechanics[self._food.name].eaten.sum()
         return numbers
 
     def _positions(self, state: State) -> jax.Array:
