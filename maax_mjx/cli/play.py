@@ -16,7 +16,7 @@ from maax_mjx.common.annotated import Bounds, check_fields
 from maax_mjx.common.checks import check_choice
 from maax_mjx.physics import impls
 from maax_mjx.training.evaluate import player_of
-from maax_mjx.training.policy import Policy
+from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.viewer.live import is_open, play
 from maax_mjx.viewer.nodes import HERE
 from maax_mjx.viewer.panel import NOBODY
@@ -67,7 +67,7 @@ def run_play(args: Play, overrides: Mapping[str, str]) -> None:
     policy = player_of("policy", args.policy)
     opponents = None if args.opponents is None else player_of("opponents", args.opponents)
     for player in (opponents, policy):
-        if isinstance(player, Policy):
+        if isinstance(player, TrainedPolicy):
             overrides = as_learnt(args.env, player) | dict(overrides)
     with Interrupt():
         env = make_env(args.env, args.impl, overrides)

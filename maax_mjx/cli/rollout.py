@@ -26,7 +26,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Recording, Worlds, WorldsState
 from maax_mjx.physics import impls
-from maax_mjx.training.policy import Policy
+from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.viewer import contact_sheet
 from maax_mjx.viewer.film import select_worlds
 
@@ -96,7 +96,7 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
 
 
 def _rollout(
-    args: Rollout, overrides: Mapping[str, str], policy: Policy | None, interrupt: Interrupt
+    args: Rollout, overrides: Mapping[str, str], policy: TrainedPolicy | None, interrupt: Interrupt
 ) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
     _check_memory(env, args.worlds)
@@ -164,7 +164,7 @@ def _advance(worlds: Worlds, key: jax.Array) -> Advance:
     return lambda states, done, n: compiled(states, jax.random.fold_in(key, done // HOLD), jnp.asarray(n))
 
 
-def _play(worlds: Worlds, policy: Policy, key: jax.Array) -> Advance:
+def _play(worlds: Worlds, policy: TrainedPolicy, key: jax.Array) -> Advance:
     """Steps under a policy, whose memory goes on from call to call."""
     memory: list[Any] = [None]
 

@@ -5,12 +5,14 @@ from maax_mjx.training.begin import environment_of
 from maax_mjx.training.config import PRESETS, LeagueConfig, NetConfig, PPOConfig, TrainConfig, preset
 from maax_mjx.training.evaluate import Estimate, Evaluation, Match, as_json, evaluate, player_of
 from maax_mjx.training.interventions import INTERVENTIONS, intervened
+from maax_mjx.training.openai import OpenAIPolicy
 from maax_mjx.training.opponents import SCRIPTED, Scripted
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.ratings import Rating, Result, rate
 from maax_mjx.training.run import Progress, Run, Trainer
 from maax_mjx.training.shipped import policies
 from maax_mjx.training.train import train
+from maax_mjx.training.trained import TrainedPolicy
 
 __all__ = [
     "INTERVENTIONS",
@@ -22,6 +24,7 @@ __all__ = [
     "LeagueConfig",
     "Match",
     "NetConfig",
+    "OpenAIPolicy",
     "PPOConfig",
     "Policy",
     "Progress",
@@ -30,6 +33,7 @@ __all__ = [
     "Run",
     "Scripted",
     "TrainConfig",
+    "TrainedPolicy",
     "Trainer",
     "as_json",
     "environment_of",

@@ -19,9 +19,10 @@ from maax_mjx.parallel import Worlds
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.folder import Folder
 from maax_mjx.training.opponents import SCRIPTED, Scripted
-from maax_mjx.training.policy import Policy, check_policy
+from maax_mjx.training.policy import Policy, check_trained, load_any
 from maax_mjx.training.ratings import LIKELY, Rating, Result, rate
 from maax_mjx.training.shipped import file_of, policies
+from maax_mjx.training.trained import TrainedPolicy
 
 SELF = "self"
 """Name of the policy where it is its own opponent, and in ratings."""
@@ -135,7 +136,7 @@ class Versus:
 
 
 def evaluate(
-    policy: Policy | str,
+    policy: TrainedPolicy | str,
     against: Sequence[Any] = ("random",),
     episodes: int = 1024,
     env: Environment | None = None,
@@ -181,7 +182,7 @@ def evaluate(
     return Evaluation(tuple(matches))
 
 
-def player_of(argument: str, given: Any) -> Policy | Scripted:
+def player_of(argument: str, given: Any) -> TrainedPolicy | Scripted:
     """Returns the policy or scripted player that an argument names.
 
     Raises:
@@ -189,7 +190,7 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
     """
     if isinstance(given, str) and given in SCRIPTED:
         return SCRIPTED[given]
-    if isinstance(given, Policy | Scripted):
+    if isinstance(given, TrainedPolicy | Scripted):
         return given
     if not isinstance(given, str | Path) or not str(given):
         raise ValueError(f"{argument}: got {described(given)}; {_takes_players(argument)}")
@@ -200,7 +201,7 @@ def player_of(argument: str, given: Any) -> Policy | Scripted:
         near = get_close_matches(str(given), _names(argument), 1)
         meant = f" (did you mean {near[0]!r}?)" if near else ""
         raise ValueError(f"{argument}: got {str(given)!r}, and nothing is there{meant}; {_takes_players(argument)}")
-    return Policy.load(given)
+    return load_any(given)
 
 
 def _names(argument: str) -> list[str]:
@@ -232,7 +233,7 @@ class Seated(NamedTuple):
     memory: Callable[[int], Any]
 
 
-def seated(player: Policy | Scripted, env: Environment) -> Seated:
+def seated(player: TrainedPolicy | Scripted, env: Environment) -> Seated:
     """Returns a player as it plays an environment.
 
     Raises:
@@ -240,7 +241,7 @@ def seated(player: Policy | Scripted, env: Environment) -> Seated:
     """
     if isinstance(player, Scripted):
         return Seated(player.on(env), np.zeros(0, np.float32), lambda n: np.zeros((n, 0), np.float32))
-    fitting = check_policy(player).on(env)
+    fitting = check_trained(player).on(env)
     return Seated(fitting.play, fitting.params, fitting.memory)
 
 

@@ -15,7 +15,8 @@ from maax_mjx.common.checks import check_choice
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.training.policy import Policy, check_policy
+from maax_mjx.training.policy import check_trained
+from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.wrappers.grabs.rules import NOTHING
 from maax_mjx.wrappers.grabs.wrapper import GrabObjects
 from maax_mjx.wrappers.locks.wrapper import LockObjects
@@ -129,7 +130,7 @@ INTERVENTIONS: dict[str, tuple[str, Callable[..., Environment]]] = {
 """By name, on which side of `TrackTools` a wrapper goes, and the wrapper."""
 
 
-def intervened(policy: Policy, name: str, **overrides: Any) -> Environment:
+def intervened(policy: TrainedPolicy, name: str, **overrides: Any) -> Environment:
     """Makes the game that a policy learnt, of hiders and seekers, with something taken away; it counts as with `tools`.
 
     Example:
@@ -147,6 +148,6 @@ def intervened(policy: Policy, name: str, **overrides: Any) -> Environment:
     side, wrap = INTERVENTIONS[check_choice("name", name, INTERVENTIONS)]
     fields: dict[str, Any] = {"tools": True, **overrides}
     if name == "no_ramps":
-        made = check_policy(policy).make_env(**overrides).made_from
+        made = check_trained(policy).make_env(**overrides).made_from
         fields["n_ramps"] = (0, int(np.max(made.config.n_ramps if made else 1)))
     return policy.make_env(**fields, **{side: {"TrackTools": wrap}})

@@ -19,13 +19,14 @@ from maax_mjx.common.recorded import differing, plain_config, short
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks import config_of, make
-from maax_mjx.tasks.config import from_plain, with_tuples
+from maax_mjx.tasks.config import with_tuples
 from maax_mjx.training.actions import Head, mode, sample
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Network, Weights
+from maax_mjx.training.openai import OpenAIPolicy
 from maax_mjx.training.shipped import file_of, policies
 from maax_mjx.training.spec import Kind, Part, Spec
+from maax_mjx.training.trained import TrainedPolicy
 
 MAGIC, FORMAT = "maax_mjx policy", 1
 
@@ -50,7 +51,7 @@ class Play:
         return choose(self.network.heads, out), after[0]
 
 
-class Policy:
+class Policy(TrainedPolicy):
     """A trained policy: its network, its weights and the game that it learnt.
 
     It plays wherever policies are taken, `worlds.rollout(states, policy, 80)`, `maax.record(...)`; its memory is looked
@@ -63,6 +64,8 @@ class Policy:
         steps: env steps that it learnt from.
         deterministic: whether it takes the most likely action instead of drawing one.
     """
+
+    play: Play
 
     def __init__(
         self,
@@ -88,20 +91,6 @@ class Policy:
     def greedy(self) -> Policy:
         """Returns the policy that takes the most likely actions."""
         return Policy(self.network, self.params, self.game, self.steps, deterministic=True)
-
-    def make_env(self, **overrides: Any) -> Environment:
-        """Makes the game that it learnt.
-
-        Args:
-            **overrides: fields of its config to change.
-
-        Raises:
-            ValueError: a policy of a game that `maax.make` did not make, or what `maax.make` refuses.
-        """
-        if self.game is None:
-            raise ValueError("make_env: got a policy of an environment of one's own; takes one of a registered game")
-        fields = from_plain(type(config_of(self.game["game"])), self.game["config"])
-        return make(self.game["game"], **(fields | overrides))
 
     def on(self, env: Environment) -> Policy:
         """Returns the policy as it plays another environment, with the same columns and actions.
@@ -133,6 +122,18 @@ class Policy:
         data = {"header": json.dumps(header), "weights": serialization.to_state_dict(host)}
         with whole(Path(path)) as part:
             part.write_bytes(serialization.msgpack_serialize(data))
+
+    @staticmethod
+    def from_openai(path: str | Path) -> OpenAIPolicy:
+        """Reads a policy that Baker et al. published; it plays hide and seek, and does not learn on.
+
+        Args:
+            path: file of weights, such as "hide_and_seek_full.npz"; nothing in it is unpickled.
+
+        Raises:
+            ValueError: another file, or the policy of a task other than hide and seek.
+        """
+        return OpenAIPolicy.read(path)
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
@@ -261,7 +262,7 @@ def _restored(network: Network, saved: dict[str, Any]) -> Weights:
 
 
 def check_policy(policy: Any) -> Policy:
-    """Refuses what is no policy.
+    """Refuses what is no policy that can learn on.
 
     Raises:
         ValueError: something else.
@@ -269,3 +270,23 @@ def check_policy(policy: Any) -> Policy:
     if not isinstance(policy, Policy):
         raise ValueError(f"policy: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
     return policy
+
+
+def check_trained(policy: Any) -> TrainedPolicy:
+    """Refuses what is no trained policy.
+
+    Raises:
+        ValueError: something else.
+    """
+    if not isinstance(policy, TrainedPolicy):
+        raise ValueError(f"policy: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
+    return policy
+
+
+def load_any(path: str | Path) -> TrainedPolicy:
+    """Reads a policy that plays: what `Policy.load` takes, or a published file .npz.
+
+    Raises:
+        ValueError: no policy.
+    """
+    return Policy.from_openai(path) if Path(path).suffix == ".npz" else Policy.load(path)

@@ -1,0 +1,150 @@
+"""What a published policy observes, from the split observations of a game here, and what it does as actions here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+
+from maax_mjx.core.env import Environment
+from maax_mjx.modules.agents import DIAMETER
+from maax_mjx.training.openai.network import ACTIONS, MASKS, OpenAINetwork
+from maax_mjx.wrappers import Lidar
+from maax_mjx.wrappers.wrapper import find
+
+NO_HIT = 6.0
+"""Metres that a published ray reads where it meets nothing."""
+POSE = ("x", "y", "z", "cos yaw", "sin yaw", "vx", "vy", "vz", "spin")
+OWN = ("x", "y", "z", "yaw", "vx", "vy", "vz", "spin")
+SIZE = ("size x", "size y", "size z")
+LOCK = ("you_lock", "team_lock", "obj_lock")
+PARTS = dict(zip(("move", "grab", "lock"), ACTIONS, strict=True))
+"""Actions here, and what they are called there."""
+SIGHT = dict(zip(MASKS, ("sees_agent", "sees_box", "sees_ramp"), strict=True))
+"""Masks there, and what they are called here."""
+TAKES = 'takes a hide-and-seek game as published, observations="split", such as policy.make_env()'
+
+
+@dataclass(frozen=True)
+class Entities:
+    """How an array about boxes or ramps becomes the published one.
+
+    Attributes:
+        name: of the array, which is the same in both.
+        kind: of the entities.
+        columns: numbers of the columns that are taken, in their order; -1 is a column of zeros.
+        half: (3,) metres from an entity's lower corner to its centre, where it is not observed.
+        size: numbers of the columns of the extents; () takes `half`.
+    """
+
+    name: str
+    kind: str
+    columns: tuple[int, ...]
+    half: tuple[float, ...]
+    size: tuple[int, ...] = ()
+
+    def read(self, obs: Mapping[str, jax.Array]) -> jax.Array:
+        """Returns (n_agents, n, columns), zero for entities that are not in play."""
+        x = obs[self.name]
+        half = x[..., self.size] / 2 if self.size else jnp.asarray(self.half)
+        x = jnp.concatenate([x[..., :3] - half, x[..., 3:], jnp.zeros((*x.shape[:-1], 1))], axis=-1)
+        return jnp.where(obs[f"{self.kind}_mask"][..., None] > 0, x[..., self.columns], 0.0)
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """Reads the published observations from those of an environment.
+
+    Positions are those of lower corners there, and of centres here.
+
+    Attributes:
+        n_agents: number of agents.
+        lidar_range: metres at which rays end here; there they read `NO_HIT` where they meet nothing.
+        entities: boxes and ramps.
+    """
+
+    n_agents: int
+    lidar_range: float
+    entities: tuple[Entities, ...]
+
+    def read(self, obs: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """Returns the published observations by name, (n_agents, ...) each."""
+        prep = 1 - obs["prep_remaining"]
+        others = obs["agent_qpos_qvel"]
+        among = jnp.broadcast_to(prep[:, None], (*others.shape[:2], 1))
+        lidar = obs["lidar"]
+        read = {
+            "observation_self": jnp.concatenate(
+                [_cornered(obs["agent_qpos_qvel_self"]), 1 - obs["agent_team_self"], prep], axis=-1
+            ),
+            "agent_qpos_qvel": jnp.concatenate([_cornered(others), 1 - obs["agent_team"], among], axis=-1),
+            "lidar": jnp.where(lidar >= self.lidar_range, NO_HIT, lidar),
+        }
+        read |= {one.name: one.read(obs) for one in self.entities}
+        return {name: jnp.asarray(x, jnp.float32) for name, x in read.items()} | {
+            mask: obs[name].astype(jnp.float32) for mask, name in SIGHT.items()
+        }
+
+
+def _cornered(x: jax.Array) -> jax.Array:
+    """Agents' own numbers, with the places of their lower corners."""
+    return jnp.concatenate([x[..., :3] - DIAMETER / 2, x[..., 3:]], axis=-1)
+
+
+def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
+    """Returns the adapter of an environment for a network.
+
+    Raises:
+        ValueError: an environment that does not observe, or is not acted in, as the published game.
+    """
+    table, space = env.observed, env.observation_space.spaces
+    for name in ("agent_qpos_qvel_self", "agent_team", "prep_remaining", "lidar", *SIGHT.values()):
+        if name not in space:
+            raise ValueError(f"policy: it reads {name!r}, and env does not have it; {TAKES}")
+    if table["agent_qpos_qvel_self"].names() != OWN or "other" not in table["agent_team"].axes:
+        got = table["agent_qpos_qvel_self"].names()
+        raise ValueError(f"policy: it reads {OWN} of 'agent_qpos_qvel_self', and env has {got}; {TAKES}")
+    lidar = find(env, Lidar)
+    rays = (lidar.n_rays, lidar.frame, lidar.compress) if lidar is not None else None
+    if lidar is None or rays != (network.n_rays, "world", None):
+        raise ValueError(
+            f"policy: it reads {network.n_rays} rays in the world's frame, and env has {rays} (number, frame, "
+            f"compress); {TAKES}"
+        )
+    _check_actions(env, network)
+    box, ramp = (_entities(env, kind, width) for kind, width in zip(("box", "ramp"), network.widths[2:], strict=True))
+    return Adapter(env.n_agents, lidar.range, (box, ramp))
+
+
+def _entities(env: Environment, kind: str, width: int) -> Entities:
+    """How the array of a kind is read, with as many columns as the network has: with sizes and locks, or without."""
+    name = f"{kind}_obs"
+    have = {column: i for i, column in enumerate(env.observed[name].names())} if name in env.observed else {}
+    zeros = dict.fromkeys(SIZE, -1) if kind == "ramp" else {}
+    have = zeros | have
+    forms = [columns for columns in (POSE, POSE + LOCK, POSE + SIZE + LOCK) if len(columns) == width]
+    if not forms or not set(forms[0]) <= set(have):
+        wanted = forms[0] if forms else f"{width} columns"
+        raise ValueError(f"policy: it reads {wanted} of {name!r}, and env has {tuple(have)}; {TAKES}")
+    half = tuple((env.base.objects([kind])[0].largest[0] / 2).tolist())
+    size = tuple(have[column] for column in SIZE) if SIZE[0] in have and have[SIZE[0]] >= 0 else ()
+    return Entities(name, kind, tuple(have[column] for column in forms[0]), half, size)
+
+
+def _check_actions(env: Environment, network: OpenAINetwork) -> None:
+    wanted: dict[str, spaces.Space] = {
+        "move": spaces.MultiDiscrete(np.full((env.n_agents, 3), network.n_bins)),
+        "grab": spaces.MultiBinary((env.n_agents,)),
+        "lock": spaces.MultiBinary((env.n_agents,)),
+    }
+    got = env.action_space.spaces
+    for name in sorted({*wanted, *got}):
+        if name not in wanted or name not in got or wanted[name] != got[name]:
+            raise ValueError(
+                f"policy: it decides {wanted.get(name, 'nothing')} of {name!r}, and env takes "
+                f"{got.get(name, 'nothing')}; {TAKES}"
+            )

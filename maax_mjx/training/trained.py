@@ -1,0 +1,58 @@
+"""What all policies of trained networks are."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Self
+
+from maax_mjx.core.env import Environment
+from maax_mjx.tasks import config_of, make
+from maax_mjx.tasks.config import from_plain
+
+
+class TrainedPolicy(ABC):
+    """A network that learnt to play a game. It plays wherever policies are taken; its memory is looked after.
+
+    Attributes:
+        play: `(state, key, memory, params) -> (action, memory)` for one world; equal ones compile once.
+        params: its weights.
+        game: name and config of the game that it learnt, as `Checkpoints.about` has them; None if `maax.make` did not
+            make it.
+        steps: env steps that it learnt from, as far as that is known.
+    """
+
+    play: Callable[..., Any]
+    params: Any
+    game: dict[str, Any] | None
+    steps: int
+
+    @abstractmethod
+    def memory(self, n_worlds: int) -> Any:
+        """Returns what it remembers at the beginning of episodes, (n_worlds, n_agents, m)."""
+
+    @abstractmethod
+    def greedy(self) -> Self:
+        """Returns the policy that takes the most likely actions."""
+
+    @abstractmethod
+    def on(self, env: Environment) -> Self:
+        """Returns the policy as it plays an environment.
+
+        Raises:
+            ValueError: an environment that it cannot play.
+        """
+
+    def make_env(self, **overrides: Any) -> Environment:
+        """Makes the game that it learnt.
+
+        Args:
+            **overrides: fields of its config to change.
+
+        Raises:
+            ValueError: a policy of a game that `maax.make` did not make, or what `maax.make` refuses.
+        """
+        if self.game is None:
+            raise ValueError("make_env: got a policy of an environment of one's own; takes one of a registered game")
+        fields = from_plain(type(config_of(self.game["game"])), self.game["config"])
+        return make(self.game["game"], **(fields | overrides))
