@@ -27,11 +27,12 @@ SOLREF, SOLIMP = (0.01, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
 defaults."""
 
 
-def limit_joint(joint: mujoco.MjsJoint) -> None:
-    """Gives a joint a stiff range that is wide open until data closes it."""
+def limit_joint(joint: mujoco.MjsJoint, soft: bool = False) -> None:
+    """Gives a joint a range that is wide open until data closes it, stiff or with MuJoCo's default softness."""
     joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
     joint.range = (-FAR, FAR)
-    joint.solref_limit, joint.solimp_limit = SOLREF, SOLIMP
+    if not soft:
+        joint.solref_limit, joint.solimp_limit = SOLREF, SOLIMP
 
 
 class ArenaLimits:

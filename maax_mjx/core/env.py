@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import with_rows
-from maax_mjx.common.checks import check_key, described
+from maax_mjx.common.checks import check_bool, check_key, described
 from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.recorded import Recorded, differing, short
@@ -252,6 +252,8 @@ class Base(Composition, Environment):
         world_params: time step, gravity and solver iterations.
         contacts_per_world: contact points of a world that `jax` and `warp` make room for; None derives them from the
             entities. More cost time; too few are reported as `metrics["contact_overflow"]`. `c` has no such limit.
+        may_leave: whether agents and objects may be outside of a closed arena, below the floor or above it; otherwise a
+            world in which one is astray is cut off, `metrics["physics_fault"]`.
 
     Raises:
         ValueError: an argument out of its range.
@@ -268,10 +270,12 @@ class Base(Composition, Environment):
         impl: str = "auto",
         world_params: WorldParams | None = None,
         contacts_per_world: int | None = None,
+        may_leave: bool = False,
     ):
         super().__init__(
             n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world
         )  # fmt: skip
+        self.may_leave = check_bool("may_leave", may_leave)
 
     @property
     def base(self) -> Base:
@@ -366,7 +370,8 @@ class Base(Composition, Environment):
 
     def _fault(self, world: World, data: Data) -> jax.Array:
         active = jnp.concatenate([world.active[m.kind] for m in self.movables])
-        return find_fault(data, world.plan, data.qpos[self.position_ids], active, self.is_agent)
+        position = data.qpos[self.position_ids]
+        return find_fault(data, world.plan, position, active, self.is_agent, self.may_leave)
 
 
 def _again(kind: type[Environment], args: tuple[Any, ...], kwargs: dict[str, Any], modules: list[Any]) -> Environment:

@@ -15,7 +15,9 @@ AGENT_CEILING = 3.0
 """Metres above the floor that an agent's centre may reach."""
 
 
-def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Array, is_agent: np.ndarray) -> jax.Array:
+def find_fault(
+    data: Data, plan: RoomPlan, position: jax.Array, active: jax.Array, is_agent: np.ndarray, may_leave: bool = False
+) -> jax.Array:
     """Whether a world's physics went wrong: a number that is not finite, or an entity in play that is astray.
 
     Args:
@@ -24,11 +26,14 @@ def find_fault(data: Data, plan: RoomPlan, position: jax.Array, active: jax.Arra
         position: (n, 3) metres, of all entities.
         active: (n,) bool, which entities are in play.
         is_agent: (n,) bool, which entities are agents.
+        may_leave: whether entities may be astray, so that only numbers that are not finite are a fault.
 
     Returns:
         () bool, true for a fault.
     """
     finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
+    if may_leave:
+        return ~finite
     return ~finite | (astray(plan, position, is_agent) & active).any()
 
 

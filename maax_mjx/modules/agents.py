@@ -29,6 +29,12 @@ GEAR, DAMPING = 100.0, 10.0
 """Newtons at full control, and N s/m, along x and y; Nm and Nm s/rad about z."""
 
 
+ARM = (0.13, -0.075, -0.05)
+"""Metres from an agent's centre to the middle of its left arm in the published code, a sphere of 0.05 m."""
+CONTACTS_WITH_ARMS = 9.0
+"""Contact points per agent with arms that collide: each of its three spheres may touch what one alone may."""
+
+
 class Agents(Entities):
     """Spheres of 0.15 m and 1 kg that slide along x, y, z and turn about z.
 
@@ -45,6 +51,8 @@ class Agents(Entities):
         damping: damping along x, y (N s/m) and of yaw (Nm s/rad), or a range, the parameter `agent_damping`; z keeps 1.
         gear: force along x and y in N, and torque in Nm, at full control, or a range, the parameter `agent_gear`.
         per_object: whether every agent draws its own value from a range; otherwise all agents of a world share one.
+        arms: whether their hands are the published arms, which collide and make agents 0.36 m wide; otherwise hands
+            only show where an agent faces, and stop rays.
         polar_obs: whether `agent_qpos_qvel` has cos and sin of the yaw instead of the yaw itself.
 
     Raises:
@@ -68,6 +76,7 @@ class Agents(Entities):
         gear: float | tuple[float, float] = GEAR,
         per_object: bool = True,
         polar_obs: bool = False,
+        arms: bool = False,
     ):
         self.team_sizes, self._fixed = _check_teams(n_agents), not isinstance(n_agents, Mapping)
         super().__init__(
@@ -82,6 +91,9 @@ class Agents(Entities):
         self.damping = Ranged("agent_damping", damping, argument="damping")
         self.gear = Ranged("agent_gear", gear, above=True, argument="gear")
         self.polar_obs = check_bool("polar_obs", polar_obs)
+        self.arms = check_bool("arms", arms)
+        if self.arms:
+            self.contacts_each = CONTACTS_WITH_ARMS
         colors = self._team_colours() if colors is None else colors
         try:
             self.colors = np.asarray(colors, float)
@@ -130,6 +142,9 @@ class Agents(Entities):
     def spec_step(self, spec: mujoco.MjSpec) -> None:
         super().spec_step(spec)
         for name in self.names:
+            for side, x in (("left", 1), ("right", -1)) if self.arms else ():
+                hand = spec.geom(f"{name}:hand_{side}")
+                hand.pos, hand.contype, hand.conaffinity = (x * ARM[0], *ARM[1:]), 1, 1
             for motor in MOTORS:
                 spec.joint(f"{name}:{motor}").damping[0] = self.damping.high
                 spec.actuator(f"{name}:{motor}").gear[0] = self.gear.high

@@ -40,7 +40,7 @@ from maax_mjx.wrappers.actions import Bins
 from maax_mjx.wrappers.locks.rules import LOCK_TYPES
 from maax_mjx.wrappers.locks.slots import METHODS
 from maax_mjx.wrappers.rewards import CATCHES, REW_TYPES
-from maax_mjx.wrappers.senses import CONE, FRAMES, Cone, RayCount
+from maax_mjx.wrappers.senses import BETWEEN, CONE, FRAMES, Cone, RayCount
 
 QUAD = "quad"
 
@@ -55,6 +55,7 @@ class LockConfig(Config):
     method: Annotated[str, OneOf(METHODS)] = "equality"
     per_object: bool = True
     in_vision_only: bool = False
+    soft: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class GrabConfig(Config):
     exclusive: bool = False
     selective: bool = False
     in_vision_only: bool = False
+    soft: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class LidarConfig(Config):
     range: Positive = 6.0
     frame: Annotated[str, OneOf(FRAMES)] | None = None
     compress: Positive | None = None
+    capped: bool = True
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
         prep_fraction, blind: see `PreparationPhase`.
         by, rew_type: see `HideAndSeekReward`.
         cone: full angle of `LineOfSight` in radians; None leaves vision out.
+        cone_between: what cones are measured between, "centres" or "corners"; see `LineOfSight`.
         lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
         food: food and who may eat it; needs `cone`. None leaves it out.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
@@ -107,6 +111,7 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
     by: Annotated[str, OneOf(CATCHES)] = "contact"
     rew_type: Annotated[str, OneOf(REW_TYPES)] = "selfish"
     cone: Cone | None = None
+    cone_between: Annotated[str, OneOf(BETWEEN)] = "centres"
     lock: LockConfig | None = LockConfig()
     grab: GrabConfig | None = None
     lidar: LidarConfig | None = None
@@ -210,7 +215,7 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     if config.cone is not None:
         seen = ("box", "ramp") if config.food is None else ("box", "ramp", Food.kind)
-        env = LineOfSight(env, config.cone, seen)
+        env = LineOfSight(env, config.cone, seen, config.cone_between)
     env = with_lidar(env, config.lidar, config.observations)
     if config.lock is not None:
         env = LockObjects(env, **arguments(config.lock))

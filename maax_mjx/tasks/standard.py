@@ -64,7 +64,8 @@ class WorldConfig(Extensions):
         gear: gear of the agents' motors, in N and Nm; see `Agents`.
         random_yaw: whether agents, boxes and ramps start at random yaws.
         boxsize_obs: whether boxes are observed with their extents; None does so if worlds differ in them.
-        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
+        arms: whether agents have the published arms; see `Agents`.
+        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world, may_leave: see `Base`.
     """
 
     scenario: ScenarioNames = "quad"
@@ -88,6 +89,7 @@ class WorldConfig(Extensions):
     gear: PositiveRange = 100.0
     random_yaw: bool = False
     boxsize_obs: bool | None = None
+    arms: bool = False
     n_frames: PositiveCount = 1
     grid_size: GridSize = 30
     floor_size: FloorSize = 6.0
@@ -95,6 +97,7 @@ class WorldConfig(Extensions):
     impl: Annotated[str, OneOf(impls)] = "auto"
     world_params: WorldParams = field(default_factory=WorldParams)
     contacts_per_world: Contacts | None = None
+    may_leave: bool = False
 
 
 @dataclass(frozen=True)
@@ -224,6 +227,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
         config.impl,
         config.world_params,
         config.contacts_per_world,
+        config.may_leave,
     )
     walls = WallScenarios(
         config.scenario,
@@ -254,6 +258,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
             config.random_yaw,
             friction=config.agent_friction,
             gear=config.gear,
+            arms=config.arms,
         )
     )
     env.add_module(

@@ -17,9 +17,10 @@ WIDTH = mujoco.mjNEQDATA
 
 
 def add_equality(
-    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtEq, first: str, second: str = "", ratio: float = 0.0
-) -> None:
-    """Adds a stiff equality of one or two joints or of two bodies, inactive until data activates it.
+    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtEq, first: str, second: str = "", ratio: float = 0.0,
+    soft: bool = False,
+) -> None:  # fmt: skip
+    """Adds an equality of one or two joints or of two bodies, inactive until data activates it.
 
     Args:
         spec: spec to add it to.
@@ -27,7 +28,9 @@ def add_equality(
         kind: joint, connect or weld.
         first, second: names of joints or of bodies; a joint equality may leave out the second.
         ratio: ratio of the first joint to the second.
+        soft: whether it has MuJoCo's default softness; otherwise it is as stiff as a step of 5 ms allows.
     """
+    stiff = {} if soft else {"solref": SOLREF, "solimp": SOLIMP}
     of_joints = kind == mujoco.mjtEq.mjEQ_JOINT
     data = np.zeros(WIDTH)
     data[1] = ratio
@@ -35,7 +38,7 @@ def add_equality(
         data[6] = data[10] = 1.0  # the real part of its quaternion, and its torque scale
     spec.add_equality(
         name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT if of_joints else mujoco.mjtObj.mjOBJ_BODY,
-        name1=first, name2=second, active=False, solref=SOLREF, solimp=SOLIMP, data=data,
+        name1=first, name2=second, active=False, data=data, **stiff,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from maax_mjx.common.annotated import Bounds, check_value
 from maax_mjx.common.arrays import null_rows
-from maax_mjx.common.checks import check_choice, check_positive
+from maax_mjx.common.checks import check_bool, check_choice, check_positive
 from maax_mjx.common.observed import AGENT, Column, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -23,6 +23,7 @@ from maax_mjx.wrappers.wrapper import ObservationWrapper, StateWrapper
 
 CONE = 3 * np.pi / 4
 """Radians of the full cone of sight, 135 degrees."""
+BETWEEN = ("centres", "corners")
 FRAMES = ("world", "agent")
 Cone = Annotated[float, Bounds(0, 2 * np.pi, above=True, takes="an angle in radians, up to 2 pi")]
 RayCount = Annotated[int, Bounds(1, 10_000)]
@@ -52,15 +53,24 @@ class LineOfSight(_Senses):
         env: environment to wrap.
         cone: full angle of the cone in radians; 135 degrees by default.
         objects: names of the modules that agents can see in addition to agents: of objects, or of marks on the floor.
+        between: "centres", or "corners" for a cone that is measured between the lower corners of things as they stand
+            unturned, as in the published code, whose positions are these. Rays go between centres all the same.
 
     Raises:
-        ValueError: an angle that is not in (0, 2 pi], or an unknown module.
+        ValueError: an angle that is not in (0, 2 pi], an unknown module, or an unknown `between`.
     """
 
     name = "line_of_sight"
 
-    def __init__(self, env: Environment, cone: float = CONE, objects: Sequence[str] = ("box", "ramp")):
+    def __init__(
+        self,
+        env: Environment,
+        cone: float = CONE,
+        objects: Sequence[str] = ("box", "ramp"),
+        between: str = "centres",
+    ):
         super().__init__(env)
+        self.between = check_choice("between", between, BETWEEN)
         self.half_cone = check_value("cone", cone, Cone) / 2
         modules: list[Entities | Sites] = [self.base.agents, *self.base.objects_and_sites(objects)]
         self.modules = [module for module in modules if module.n_max]
@@ -94,7 +104,8 @@ class LineOfSight(_Senses):
         eyes, heading = self._eyes(state)
         to = jnp.concatenate([_centres(m, state) for m in self.modules]) - eyes[:, None]
         away = jnp.linalg.norm(to, axis=-1)
-        turn = jnp.arctan2(to[..., 1], to[..., 0]) - heading[:, None]
+        aside = to if self.between == "centres" else to - self._to_corners(state)
+        turn = jnp.arctan2(aside[..., 1], aside[..., 0]) - heading[:, None]
         turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
         direction = to / jnp.maximum(away, 1e-6)[..., None]
         free, geom = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
@@ -107,6 +118,13 @@ class LineOfSight(_Senses):
         parts = jnp.split(seen, np.cumsum([m.n_max for m in self.modules])[:-1], axis=1)
         masks = dict(zip(self.senses, parts, strict=True))
         return self.remember(state, masks).replace(obs=state.obs | masks)
+
+    def _to_corners(self, state: State) -> jax.Array:
+        """Half extents (n, 3) of what can be seen, without agents' own, in metres; marks have none."""
+        half = [
+            jnp.zeros((m.n_max, 3)) if isinstance(m, Sites) else m.extents_of(state.world) / 2 for m in self.modules
+        ]
+        return jnp.concatenate(half) - jnp.asarray(self.base.agents.extent) / 2
 
     def declared(self) -> dict[str, Observed]:
         sees = {f"sees_{m.kind}": Observed((AGENT, m.kind)) for m in self.modules}
@@ -126,12 +144,14 @@ def _centres(module: Entities | Sites, state: State) -> jax.Array:
 class Lidar(_Senses, ObservationWrapper):
     """Adds `lidar` (n_agents, n_rays, 1): distances in metres to the first thing along each ray, at the agent's height.
 
-    Rays are spread evenly over the full circle. Where there is nothing within `range`, a ray reads `range`.
+    Rays are spread evenly over the full circle. Where there is nothing, a ray reads `range`.
 
     Args:
         env: environment to wrap.
         n_rays: number of rays per agent.
-        range: greatest distance in metres.
+        range: greatest distance in metres, and what a ray reads that meets nothing.
+        capped: whether a ray ends at `range`; otherwise one that meets something reads how far that is, as in the
+            published code.
         frame: "world": the first ray points along x, whatever the agent's heading (OpenAI's); "agent": it points ahead.
         compress: a scale in metres, or None: gives distances as `scale * tanh(distance / scale)`.
 
@@ -148,8 +168,10 @@ class Lidar(_Senses, ObservationWrapper):
         range: float = 6.0,
         frame: str = "world",
         compress: float | None = None,
+        capped: bool = True,
     ):
         super().__init__(env)
+        self.capped = check_bool("capped", capped)
         self.n_rays = int(check_value("n_rays", n_rays, RayCount))
         self.range = check_positive("range", range)
         self.frame = check_choice("frame", frame, FRAMES)
@@ -160,14 +182,16 @@ class Lidar(_Senses, ObservationWrapper):
         return ("lidar",)
 
     def rays(self, state: State) -> tuple[jax.Array, jax.Array]:
-        """Returns world-frame directions (n_agents, n_rays, 3), and metres (n_agents, n_rays), at most `range`."""
+        """Returns world-frame directions (n_agents, n_rays, 3), and metres (n_agents, n_rays)."""
         eyes, heading = self._eyes(state)
         angle = jnp.arange(self.n_rays) * (2 * jnp.pi / self.n_rays)
         angle = angle + heading[:, None] * (self.frame == "agent")
         direction = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)], axis=-1)
         direction = jnp.broadcast_to(direction, (len(eyes), self.n_rays, 3))
         distance, _ = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
-        return direction, jnp.minimum(distance, self.range)
+        if self.capped:
+            return direction, jnp.minimum(distance, self.range)
+        return direction, jnp.where(jnp.isfinite(distance), distance, self.range)
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         distance = self.rays(state)[1][..., None]

@@ -63,7 +63,7 @@ class Adapter:
 
     Attributes:
         n_agents: number of agents.
-        lidar_range: metres at which rays end here; there they read `NO_HIT` where they meet nothing.
+        lidar_range: metres that rays here read at least where they meet nothing; there they read `NO_HIT`.
         entities: boxes and ramps.
     """
 
@@ -117,7 +117,8 @@ def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
         )
     _check_actions(env, network)
     box, ramp = (_entities(env, kind, width) for kind, width in zip(("box", "ramp"), network.widths[2:], strict=True))
-    return Adapter(env.n_agents, lidar.range, (box, ramp))
+    ends = lidar.range if lidar.capped or lidar.range != NO_HIT else np.inf
+    return Adapter(env.n_agents, ends, (box, ramp))
 
 
 def _entities(env: Environment, kind: str, width: int) -> Entities:

@@ -29,13 +29,14 @@ class GrabSlots(Module):
     Args:
         agents: the agents' module.
         modules: modules of the objects.
+        soft: whether holds are as published: welds of all objects, with MuJoCo's default softness.
     """
 
     name = "grab_slots"
 
-    def __init__(self, agents: Agents, modules: Sequence[Entities]):
-        self.agents, self.modules = agents, list(modules)
-        objects = [(name, module.free) for module in modules for name in module.names]
+    def __init__(self, agents: Agents, modules: Sequence[Entities], soft: bool = False):
+        self.agents, self.modules, self.soft = agents, list(modules), soft
+        objects = [(name, module.free or soft) for module in modules for name in module.names]
         pairs = list(product(range(agents.n_max), range(len(objects))))
         named = [(agent, thing, agents.names[agent], *objects[thing]) for agent, thing in pairs]
         self._centres = [(a, k, f"{agent}:grab:{name}") for a, k, agent, name, free in named if not free]
@@ -59,7 +60,7 @@ class GrabSlots(Module):
             add_equality(spec, f"{name}:yaw", mujoco.mjtEq.mjEQ_JOINT, f"{thing}:yaw", f"{agent}:yaw", ratio=1.0)
         for *_, name in self._welds:
             agent, thing = name.split(":grab:")
-            add_equality(spec, name, mujoco.mjtEq.mjEQ_WELD, agent, thing)
+            add_equality(spec, name, mujoco.mjtEq.mjEQ_WELD, agent, thing, soft=self.soft)
 
     @property
     def _everything(self) -> list[tuple[int, int, str]]:

@@ -51,6 +51,8 @@ class GrabObjects(Wrapper):
         radius: metres from an agent's centre to the object's surface, as an oriented box.
         exclusive: whether only one agent, the nearest, can hold an object.
         selective: whether agents choose objects by index; otherwise they take the nearest.
+        soft: whether a hold is a weld with MuJoCo's default softness, as in the published code: what is held stays
+            within 23 mm of its place (median), instead of 7 mm.
         in_vision_only: whether an agent can only hold what it saw after the previous step; needs `LineOfSight`.
 
     Raises:
@@ -68,13 +70,14 @@ class GrabObjects(Wrapper):
         exclusive: bool = False,
         selective: bool = False,
         in_vision_only: bool = False,
+        soft: bool = False,
     ):
         super().__init__(deepcopy(check_environment(env)))
         self._reach = Reach(self, objects, check_positive("radius", radius), in_vision_only)
         self.exclusive = check_bool("exclusive", exclusive)
         self.selective = check_bool("selective", selective)
         self.modules, self.n_grabbable = self._reach.modules, self._reach.n
-        self._slots = GrabSlots(self.base.agents, self._reach.modules)
+        self._slots = GrabSlots(self.base.agents, self._reach.modules, check_bool("soft", soft))
         self.base.attach(self._slots)
 
     @property

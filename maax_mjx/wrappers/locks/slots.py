@@ -31,13 +31,14 @@ class LockSlots(Module):
         modules: modules of the objects.
         method: "equality" builds a joint equality for every slide and hinge, and a weld to the world for a free joint;
             "joint_range" opens or closes every joint's range.
+        soft: whether locks have MuJoCo's default softness.
 
     Raises:
         ValueError: joint ranges of free joints.
     """
 
-    def __init__(self, name: str, modules: Sequence[Entities], method: str):
-        self.name, self.modules, self.method = name, list(modules), method
+    def __init__(self, name: str, modules: Sequence[Entities], method: str, soft: bool = False):
+        self.name, self.modules, self.method, self.soft = name, list(modules), method, soft
         for module in modules:
             if method == "joint_range" and module.free:
                 raise ValueError(
@@ -53,11 +54,12 @@ class LockSlots(Module):
         for name, free in self.names:
             for joint in () if free else JOINTS:
                 if self.method == "joint_range":
-                    limit_joint(spec.joint(f"{name}:{joint}"))
+                    limit_joint(spec.joint(f"{name}:{joint}"), self.soft)
                 else:
-                    add_equality(spec, f"{name}:lock:{joint}", mujoco.mjtEq.mjEQ_JOINT, f"{name}:{joint}")
+                    kind, ends = mujoco.mjtEq.mjEQ_JOINT, f"{name}:{joint}"
+                    add_equality(spec, f"{name}:lock:{joint}", kind, ends, soft=self.soft)
             if free:
-                add_equality(spec, f"{name}:lock:weld", mujoco.mjtEq.mjEQ_WELD, "world", name)
+                add_equality(spec, f"{name}:lock:weld", mujoco.mjtEq.mjEQ_WELD, "world", name, soft=self.soft)
 
     @property
     def _joints(self) -> list[tuple[int, int, str]]:

@@ -69,6 +69,8 @@ class LockObjects(Wrapper):
             ten times as much.
         per_object: whether agents choose objects by index; otherwise all within reach at once.
         in_vision_only: whether only agents that saw an object after the previous step count; needs `LineOfSight`.
+        soft: whether locks are as soft as MuJoCo's constraints are by default, as in the published code: they give 4 mm
+            and more under 200 N, instead of 0.2 mm.
         action_name: name of the action; the struct in `state.mechanics` has it with an s: "locks".
 
     Raises:
@@ -89,6 +91,7 @@ class LockObjects(Wrapper):
         per_object: bool = True,
         in_vision_only: bool = False,
         action_name: str = "lock",
+        soft: bool = False,
     ):
         self.action_name = check_new_action(env, action_name)
         self.name = f"{action_name}s"
@@ -101,7 +104,7 @@ class LockObjects(Wrapper):
         for other in find_all(env, LockObjects):
             if shared := {m.name for m in self.modules} & {m.name for m in other.modules}:
                 raise ValueError(f"objects: got {sorted(shared)}, locked by {other.name!r} already; takes others")
-        self._slots = LockSlots(f"{self.name}_slots", self.modules, method)
+        self._slots = LockSlots(f"{self.name}_slots", self.modules, method, check_bool("soft", soft))
         self.base.attach(self._slots)
         self._team = self.inner(TeamMembership).team_index
 
