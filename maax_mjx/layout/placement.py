@@ -219,6 +219,56 @@ def proximity_placement(radius: float, to: str) -> PlacementFn:
     return placement
 
 
+def published_uniform_placement(layout: Layout, cells: jax.Array) -> jax.Array:
+    """Allows any place in the range of cells of OpenAI's `uniform_placement`: none at the edges of the floor.
+
+    The lowest cell of an object of s cells, on a grid of G, is from 1 to G - s - 2.
+    """
+    return _inside(layout, cells, _published_uniform)
+
+
+def _published_uniform(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
+    return np.full(2, 1), np.full(2, grid_size - 2)
+
+
+published_uniform_placement.region = _published_uniform  # type: ignore[attr-defined]
+
+
+@requires_quadrant
+def published_quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
+    """Allows places inside the quadrant in the range of cells of OpenAI's `quadrant_placement`; any without one."""
+    g, (left, size) = layout.grid.size, _quadrant_lines(layout)
+    allowed = within(g, cells, jnp.stack([left, 1, g - 2, size - 2]))
+    return _or_anywhere(allowed, _has_quadrant(layout))
+
+
+published_quad_placement.inside_quadrant = True  # type: ignore[attr-defined]
+
+
+@requires_quadrant
+def published_outside_quad_placement(layout: Layout, cells: jax.Array) -> jax.Array:
+    """Allows places outside the quadrant as OpenAI's `outside_quadrant_placement`: in one of three rectangles.
+
+    Each of the rectangles, to its left, above that, and above it, is drawn as often as the others, however large it is.
+    Any place in a world without a quadrant.
+    """
+    g, (left, size) = layout.grid.size, _quadrant_lines(layout)
+    parts: list[tuple[Any, Any, Any, Any]] = [
+        (1, 1, left - 2, size - 2),
+        (1, size, left - 2, g - 2),
+        (left, size, g - 2, g - 2),
+    ]
+    allowed = [within(g, cells, jnp.stack(part)) for part in parts]
+    weights = sum(part / jnp.maximum(part.sum(), 1) for part in allowed)
+    return jnp.where(_has_quadrant(layout), weights, 1.0)
+
+
+def _quadrant_lines(layout: Layout) -> tuple[jax.Array, jax.Array]:
+    """The cells of the lines of a quadrant's walls, along x and along y."""
+    quadrant = layout.plan.quadrant
+    return quadrant[0] - 1, quadrant[3]
+
+
 @made
 def published_proximity_placement(radius: float, to: str) -> PlacementFn:
     """A placement near the object named `to`, in the range of cells of OpenAI's `close_to_other_object_placement`.

@@ -12,6 +12,9 @@ from maax_mjx.layout.placement import (
     middle_placement,
     name_of,
     outside_quad_placement,
+    published_outside_quad_placement,
+    published_quad_placement,
+    published_uniform_placement,
     quad_placement,
     room_placement,
     rooms_in_turn_placement,
@@ -38,6 +41,9 @@ _PLACEMENTS: dict[str, PlacementFn] = {
     "quad": _or_anywhere(quad_placement),
     "rooms_in_turn": rooms_in_turn_placement,
     "outside_quad": _or_anywhere(outside_quad_placement),
+    "published_uniform": published_uniform_placement,
+    "published_quad": _or_anywhere(published_quad_placement),
+    "published_outside_quad": _or_anywhere(published_outside_quad_placement),
 }
 
 
@@ -52,7 +58,8 @@ def placement_by_name(name: str, argument: str = "placement", also: Sequence[str
     "uniform" is anywhere, "centre" in the middle to the cell, "middle" in the central square of half the floor's edge,
     "quad" and "outside_quad" in and outside the quadrant, both anywhere in an environment without one, "room0",
     "room1", ... in that room (see `room_placement`), "rooms_in_turn" in one of the rooms with fewest objects (see
-    `rooms_in_turn_placement`). Others are those of `register_placement`.
+    `rooms_in_turn_placement`); "published_uniform", "published_quad" and "published_outside_quad" have the ranges of
+    cells of OpenAI's code. Others are those of `register_placement`.
 
     Args:
         name: of the placement.

@@ -183,15 +183,30 @@ def openings(walls: Walls, cell: jax.Array) -> jax.Array:
     return jnp.where(has_door[:, None], jnp.concatenate([middle, (high - low)[:, None]], axis=1), 0.0)
 
 
-def mark(grid: Grid, walls: Walls) -> Grid:
-    """Marks the walls' cells, their doorways included: nothing is placed in a doorway."""
+def mark(grid: Grid, walls: Walls, doorways: bool = True) -> Grid:
+    """Marks the walls' cells, where nothing is placed then.
+
+    Args:
+        grid: the grid.
+        walls: the walls.
+        doorways: whether the cells of doorways are marked, too.
+    """
+    if doorways:
+        return _mark_along(grid, walls, walls.start, walls.end, walls.present)
+    door_end = walls.door_start + walls.door_cells
+    has_door = walls.door_cells > 0
+    grid = _mark_along(grid, walls, walls.start, jnp.where(has_door, walls.door_start - 1, walls.end), walls.present)
+    return _mark_along(grid, walls, door_end, walls.end, walls.present & has_door)
+
+
+def _mark_along(grid: Grid, walls: Walls, start: jax.Array, end: jax.Array, on: jax.Array) -> Grid:
+    """Marks the cells from `start` to `end` of every wall's line, both included."""
     vertical = (walls.axis == VERTICAL)[:, None]
-    length = walls.end - walls.start + 1
+    length = end - start + 1
     one = jnp.ones_like(length)
-    line, start = walls.line, walls.start
-    corners = jnp.where(vertical, jnp.stack([line, start], axis=1), jnp.stack([start, line], axis=1))
+    corners = jnp.where(vertical, jnp.stack([walls.line, start], axis=1), jnp.stack([start, walls.line], axis=1))
     cells = jnp.where(vertical, jnp.stack([one, length], axis=1), jnp.stack([length, one], axis=1))
-    return grid.mark_all(corners, cells, walls.present)
+    return grid.mark_all(corners, cells, on)
 
 
 def outer_walls(grid_size: int, present: jax.Array | bool = True) -> Walls:

@@ -126,6 +126,10 @@ class Entities(Placed):
         """Body ids (n_max,)."""
         return np.array([self.model.body(name).id for name in self.names], int)
 
+    def reach_of(self, world: World) -> jax.Array:
+        """Returns the extents (n_max, 3) of the oriented boxes that agents reach for, in metres."""
+        return self.extents_of(world)
+
     @from_model
     def geom_ids(self) -> np.ndarray:
         """Geom id of each entity's namesake, (n_max,)."""

@@ -161,6 +161,8 @@ class Ramps(Entities):
         free: whether ramps have a free joint instead of slides x, y, z and a yaw hinge.
         random_yaw: whether each starts at a uniformly random yaw.
         per_object: whether every ramp draws its own friction; otherwise all of a world share one draw.
+        inertial_reach: whether agents reach for the box with the axes of the wedge's inertia, as in the published code,
+            0.47 m by 0.5 m by 0.71 m, instead of the box around it.
 
     Raises:
         ValueError: a negative or reversed count.
@@ -177,7 +179,9 @@ class Ramps(Entities):
         free: bool = False,
         random_yaw: bool = False,
         per_object: bool = True,
+        inertial_reach: bool = False,
     ):
+        self.inertial_reach = check_bool("inertial_reach", inertial_reach)
         super().__init__(
             n_ramps,
             [RAMP_SIZE] * 3,
@@ -190,3 +194,9 @@ class Ramps(Entities):
 
     def make(self, name: str) -> Obj:
         return Wedge(RAMP_SIZE, name, mass=RAMP_MASS, free=self.free)
+
+    def reach_of(self, world: World) -> jax.Array:
+        if not self.inertial_reach:
+            return super().reach_of(world)
+        # MuJoCo sizes a mesh's geom by its inertia.
+        return 2 * jnp.asarray(self.model.geom_size[self.geom_ids], float)

@@ -55,6 +55,7 @@ class WallScenarios(Module):
         friction: sliding friction of the walls, or a range drawn per world; None keeps MuJoCo's default of 1.
         outer: how the arena is closed: "walls"; "limits", joint ranges of movable entities, which cost no contacts; or
             "none", an open floor.
+        in_doorways: whether things may start in doorways, as in the published code.
 
     Raises:
         ValueError: an unknown scenario, a negative size, or a share outside [0, 1]; with `Base`, a door wider than its
@@ -75,7 +76,9 @@ class WallScenarios(Module):
         low_outside_walls: bool = False,
         friction: float | tuple[float, float] | None = None,
         outer: str = "walls",
+        in_doorways: bool = False,
     ):
+        self.in_doorways = check_bool("in_doorways", in_doorways)
         names: list = list(scenario) if isinstance(scenario, list | tuple) else [scenario]
         if not names:
             raise ValueError("scenario: got none; takes at least one")
@@ -219,7 +222,7 @@ class WallScenarios(Module):
             sliding = self.friction.draw(key, params, self.n_walls, shared=True)
             fields["geom_friction"] = fields["geom_friction"].at[self.geom_ids, 0].set(sliding)
         return layout.replace(
-            grid=wall_layout.mark(wall_layout.mark(layout.grid, outer), rooms.walls),
+            grid=wall_layout.mark(wall_layout.mark(layout.grid, outer), rooms.walls, not self.in_doorways),
             plan=plan,
             fields=fields,
         ).noting(self.name, ~rooms.valid)

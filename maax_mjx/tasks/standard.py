@@ -21,7 +21,15 @@ from maax_mjx.common.checks import check_count_range, pair_of
 from maax_mjx.common.colours import TEAM_COLOURS, Colour
 from maax_mjx.core.composition import Contacts, FloorSize, GridSize
 from maax_mjx.core.env import Base
-from maax_mjx.layout import PlacementFn, placement_by_name, proximity_placement, scenario_names, uniform_placement
+from maax_mjx.layout import (
+    PlacementFn,
+    placement_by_name,
+    proximity_placement,
+    published_proximity_placement,
+    published_uniform_placement,
+    scenario_names,
+    uniform_placement,
+)
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Module, Ramps, WallScenarios
 from maax_mjx.modules.placed import MOST
 from maax_mjx.modules.walls import OUTER
@@ -32,7 +40,7 @@ from maax_mjx.worldgen import WorldParams
 
 NEAR = 0.5
 """Metres from the first agent of the team, for placement "team"."""
-TEAM = "team"
+TEAM, PUBLISHED_TEAM = "team", "published_team"
 
 Number = Annotated[int | tuple[int, int], Bounds(0, MOST)]
 """Objects or agents per world, or (low, high)."""
@@ -48,7 +56,8 @@ class WorldConfig(Extensions):
     """A room with boxes and ramps, for any teams.
 
     A placement is a name that `placement_by_name` takes, such as "uniform", "quad", "room0", or your own; "team" for
-    the agents of a team (within 0.5 m of the first of them, who starts anywhere); or a placement function.
+    the agents of a team (within 0.5 m of the first of them, who starts anywhere), or "published_team" (in the ranges of
+    cells of OpenAI's code); or a placement function.
 
     Attributes:
         scenario: the room scenario, or several, one of which each world draws; see `WallScenarios`.
@@ -65,6 +74,8 @@ class WorldConfig(Extensions):
         random_yaw: whether agents, boxes and ramps start at random yaws.
         boxsize_obs: whether boxes are observed with their extents; None does so if worlds differ in them.
         arms: whether agents have the published arms; see `Agents`.
+        inertial_reach: how agents reach for ramps; see `Ramps`.
+        in_doorways: whether things may start in doorways; see `WallScenarios`.
         n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world, may_leave: see `Base`.
     """
 
@@ -90,6 +101,8 @@ class WorldConfig(Extensions):
     random_yaw: bool = False
     boxsize_obs: bool | None = None
     arms: bool = False
+    inertial_reach: bool = False
+    in_doorways: bool = False
     n_frames: PositiveCount = 1
     grid_size: GridSize = 30
     floor_size: FloorSize = 6.0
@@ -239,6 +252,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
         config.prob_outside_walls,
         friction=config.wall_friction,
         outer=config.outer,
+        in_doorways=config.in_doorways,
     )
     env.add_module(walls)
     if config.floor_friction is not None:
@@ -277,6 +291,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
             _placements("ramp_placement", config.ramp_placement),
             config.ramp_friction,
             random_yaw=config.random_yaw,
+            inertial_reach=config.inertial_reach,
         )
     )
     return env
@@ -304,4 +319,6 @@ def _placement(argument: str, placement: Placement, first: str = "", n: int = 1)
         return [placement] * n
     if first and placement == TEAM:
         return ([uniform_placement] + [proximity_placement(NEAR, first)] * (n - 1))[:n]
-    return [placement_by_name(placement, argument, also=(TEAM,) if first else ())] * n
+    if first and placement == PUBLISHED_TEAM:
+        return ([published_uniform_placement] + [published_proximity_placement(NEAR, first)] * (n - 1))[:n]
+    return [placement_by_name(placement, argument, also=(TEAM, PUBLISHED_TEAM) if first else ())] * n

@@ -65,7 +65,7 @@ def distance_to_objects(bodies: np.ndarray, modules: Sequence[Entities], state: 
     """
     centres = jnp.concatenate([state.data.xpos[m.body_ids] for m in modules])
     quats = jnp.concatenate([state.data.xquat[m.body_ids] for m in modules])
-    half = jnp.concatenate([m.extents_of(state.world) for m in modules]) / 2
+    half = jnp.concatenate([m.reach_of(state.world) for m in modules]) / 2
     local = rotate(conjugate(quats), state.data.xpos[bodies][:, None] - centres)
     beyond = [jnp.maximum(jnp.abs(local[..., i]) - half[:, i], 0.0) for i in range(3)]
     return jnp.sqrt(sum(x * x for x in beyond))

@@ -54,7 +54,8 @@ class LineOfSight(_Senses):
         cone: full angle of the cone in radians; 135 degrees by default.
         objects: names of the modules that agents can see in addition to agents: of objects, or of marks on the floor.
         between: "centres", or "corners" for a cone that is measured between the lower corners of things as they stand
-            unturned, as in the published code, whose positions are these. Rays go between centres all the same.
+            unturned, as in the published code, whose positions are these; rays then go to the middle of a ramp's wedge,
+            where MuJoCo has its mesh, instead of the middle of its box.
 
     Raises:
         ValueError: an angle that is not in (0, 2 pi], an unknown module, or an unknown `between`.
@@ -102,9 +103,10 @@ class LineOfSight(_Senses):
     def observe(self, state: State) -> State:
         bodies = np.concatenate([_bodies(m) for m in self.modules])
         eyes, heading = self._eyes(state)
-        to = jnp.concatenate([_centres(m, state) for m in self.modules]) - eyes[:, None]
+        corners = self.between == "corners"
+        to = jnp.concatenate([_centres(m, state, of_geoms=corners) for m in self.modules]) - eyes[:, None]
         away = jnp.linalg.norm(to, axis=-1)
-        aside = to if self.between == "centres" else to - self._to_corners(state)
+        aside = self._between_corners(state, eyes) if corners else to
         turn = jnp.arctan2(aside[..., 1], aside[..., 0]) - heading[:, None]
         turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
         direction = to / jnp.maximum(away, 1e-6)[..., None]
@@ -119,12 +121,13 @@ class LineOfSight(_Senses):
         masks = dict(zip(self.senses, parts, strict=True))
         return self.remember(state, masks).replace(obs=state.obs | masks)
 
-    def _to_corners(self, state: State) -> jax.Array:
-        """Half extents (n, 3) of what can be seen, without agents' own, in metres; marks have none."""
+    def _between_corners(self, state: State, eyes: jax.Array) -> jax.Array:
+        """From agents' lower corners to those of what can be seen: (n_agents, n, 3) metres; marks have none."""
         half = [
             jnp.zeros((m.n_max, 3)) if isinstance(m, Sites) else m.extents_of(state.world) / 2 for m in self.modules
         ]
-        return jnp.concatenate(half) - jnp.asarray(self.base.agents.extent) / 2
+        corners = jnp.concatenate([_centres(m, state) for m in self.modules]) - jnp.concatenate(half)
+        return corners - (eyes - jnp.asarray(self.base.agents.extent) / 2)[:, None]
 
     def declared(self) -> dict[str, Observed]:
         sees = {f"sees_{m.kind}": Observed((AGENT, m.kind)) for m in self.modules}
@@ -136,9 +139,11 @@ def _bodies(module: Entities | Sites) -> np.ndarray:
     return np.full(module.n_max, NO_BODY) if isinstance(module, Sites) else module.body_ids
 
 
-def _centres(module: Entities | Sites, state: State) -> jax.Array:
-    """Centres (n, 3) of a module's objects, in metres."""
-    return state.world.sites[module.kind] if isinstance(module, Sites) else state.data.xpos[module.body_ids]
+def _centres(module: Entities | Sites, state: State, of_geoms: bool = False) -> jax.Array:
+    """Centres (n, 3) of a module's objects, or of their geoms, in metres."""
+    if isinstance(module, Sites):
+        return state.world.sites[module.kind]
+    return state.data.geom_xpos[module.geom_ids] if of_geoms else state.data.xpos[module.body_ids]
 
 
 class Lidar(_Senses, ObservationWrapper):
