@@ -253,12 +253,9 @@ def published_outside_quad_placement(layout: Layout, cells: jax.Array) -> jax.Ar
     Any place in a world without a quadrant.
     """
     g, (left, size) = layout.grid.size, _quadrant_lines(layout)
-    parts: list[tuple[Any, Any, Any, Any]] = [
-        (1, 1, left - 2, size - 2),
-        (1, size, left - 2, g - 2),
-        (left, size, g - 2, g - 2),
-    ]
-    allowed = [within(g, cells, jnp.stack(part)) for part in parts]
+    beside, above = (1, left - 2), (size, g - 2)
+    parts: list[Any] = [(beside, (1, size - 2)), (beside, above), ((left, g - 2), above)]
+    allowed = [within(g, cells, jnp.stack([x[0], y[0], x[1], y[1]])) for x, y in parts]
     weights = sum(part / jnp.maximum(part.sum(), 1) for part in allowed)
     return jnp.where(_has_quadrant(layout), weights, 1.0)
 

@@ -20,6 +20,7 @@ from maax_mjx.modules import Food
 from maax_mjx.tasks.config import Config
 from maax_mjx.tasks.food import FoodConfig, food_of, with_food
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
+from maax_mjx.tasks.published import as_published
 from maax_mjx.tasks.standard import GameConfig, HidersAndSeekers, Number, Placement, ScenarioNames, world
 from maax_mjx.worldgen import WorldParams
 from maax_mjx.wrappers import (
@@ -133,12 +134,19 @@ class QuadrantConfig(HideAndSeekConfig):
     and all do while an object is outside. Agents lock and grab what they see within 0.25 m, with one choice each for
     everything in reach.
 
-    Differences from the published code: placement outside the quadrant is uniform by area; distances and cones are
-    measured from objects' centres (theirs: the corners); lidar reads at most its range; Newton takes up to 20
-    iterations. Agents also observe doors, touches, which agents are in play, and holds; teams and the rest of the
-    preparation are separate arrays, not columns of the arrays about others. The ray to a ramp goes to the centre of
-    its box.
+    The code differs from the published one in details: where things start to the cell and in doorways; cones of sight
+    measured between centres; rays that end at the lidar's range; hands that do not collide; stiffer holds and locks;
+    the box by which ramps are reached, and to whose middle the ray of sight goes; an end to episodes in which
+    something leaves a closed arena; 20 iterations of Newton's method. `published=True` takes all of these as they are
+    there. Either way agents also observe doors, touches, which agents are in play, and holds; teams and the rest of
+    the preparation are separate arrays, not columns of the arrays about others; and a world that does not fit is drawn
+    anew with the same counts.
+
+    Attributes:
+        published: whether details are as in the published code; see docs/games.md.
     """
+
+    published: bool = False
 
     n_boxes: Number = 2
     hider_placement: Placement = "uniform"
@@ -209,6 +217,8 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
+    if isinstance(config, QuadrantConfig) and config.published:
+        config = as_published(config)
     base = world(config, config.sides)
     if config.food is not None:
         base.add_module(food_of(config.food, QUAD in (config.scenario, *config.scenario)))

@@ -17,9 +17,6 @@ from maax_mjx.training.openai.observations import PARTS, POSE, Adapter, adapter_
 from maax_mjx.training.openai.weights import Arrays, read_weights
 from maax_mjx.training.trained import TrainedPolicy
 
-UNCAPPED = 1000.0
-"""Metres: further than any ray goes on a floor, so that only what meets nothing ends there."""
-
 
 @dataclass(frozen=True)
 class OpenAIPlay:
@@ -73,7 +70,7 @@ class OpenAIPolicy(TrainedPolicy):
         self.name, self.params, self.play, self.steps = name, weights, play, 0
         # The quadrant's ramps cannot be locked, so that its policies observe no locks of them.
         game = "hide_and_seek_quadrant" if play.network.widths[-1] == len(POSE) else "hide_and_seek_full"
-        self.game = {"game": game, "config": {"lidar.range": UNCAPPED}}
+        self.game = {"game": game, "config": {"published": True}}
 
     @classmethod
     def read(cls, path: str | Path) -> OpenAIPolicy:
