@@ -12,7 +12,7 @@ import jax
 import mujoco
 import numpy as np
 
-from maax_mjx.common.annotated import Bounds, check_value
+from maax_mjx.common.annotated import Bounds, PositiveCount, check_value
 from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.common.observed import Observed
 from maax_mjx.common.params import DomainParams, Parameter, check_params, default_params
@@ -64,6 +64,7 @@ class Composition:
         impl: str,
         world_params: WorldParams | None,
         contacts_per_world: int | None,
+        placement_tries: int | None = None,
     ):
         self.n_agents = check_count("n_agents", n_agents, 1, MOST)
         self.n_frames = check_count("n_frames", n_frames, minimum=1)
@@ -75,6 +76,7 @@ class Composition:
         if not isinstance(self.world_params, WorldParams):
             raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
         self._contacts_per_world = check_value("contacts_per_world", contacts_per_world, Contacts | None)
+        self.placement_tries = check_value("placement_tries", placement_tries, PositiveCount | None)
         self._modules: dict[str, Module] = {}
         self._build = object()
         self.around = Around()

@@ -254,6 +254,8 @@ class Base(Composition, Environment):
             entities. More cost time; too few are reported as `metrics["contact_overflow"]`. `c` has no such limit.
         may_leave: whether agents and objects may be outside of a closed arena, below the floor or above it; otherwise a
             world in which one is astray is cut off, `metrics["physics_fault"]`.
+        placement_tries: how many places are tried for an object before the whole world is drawn anew, with other counts
+            of everything; as published, with 10. None finds a place wherever one is free, and counts are kept.
 
     Raises:
         ValueError: an argument out of its range.
@@ -271,9 +273,10 @@ class Base(Composition, Environment):
         world_params: WorldParams | None = None,
         contacts_per_world: int | None = None,
         may_leave: bool = False,
+        placement_tries: int | None = None,
     ):
         super().__init__(
-            n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world
+            n_agents, n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world, placement_tries
         )  # fmt: skip
         self.may_leave = check_bool("may_leave", may_leave)
 

@@ -25,7 +25,9 @@ def draw_layout(env: Composition, key: jax.Array, params: DomainParams) -> Layou
 
     def draw(attempt: jax.Array) -> Layout:
         layout = _empty_layout(env, attempt, floor_size)
-        for module, own_key in zip(env.modules.values(), named_keys(key, env.modules), strict=True):
+        # As published: what does not fit is drawn anew with its counts, so that fewer of many are left.
+        now = key if env.placement_tries is None else jax.random.fold_in(key, attempt)
+        for module, own_key in zip(env.modules.values(), named_keys(now, env.modules), strict=True):
             layout = checked_layout(module, own_key, layout, params, env.model)
         return layout
 
@@ -39,5 +41,5 @@ def _empty_layout(env: Composition, attempt: jax.Array, floor_size: jax.Array) -
         half = floor_size / 2
         fields["geom_pos"] = fields["geom_pos"].at[env.floor_id, :2].set(half)
         fields["geom_size"] = fields["geom_size"].at[env.floor_id, :2].set(half)
-    layout = Layout.empty(env.grid_size, floor_size)
+    layout = Layout.empty(env.grid_size, floor_size, tries=env.placement_tries)
     return layout.replace(qpos=jnp.asarray(env.model.qpos0, float), fields=fields, attempt=attempt)

@@ -31,6 +31,7 @@ class Layout(struct.PyTreeNode):
         unplaced: by an object's name, or "walls", () bool: whether it was wanted and found no place.
         valid: () bool, whether every wanted object found a place.
         attempt: () int32, which redraw this is. Places depend on it, counts do not.
+        tries: how many places are tried for an object before it finds none; None finds one wherever one is free.
     """
 
     grid: Grid
@@ -45,9 +46,10 @@ class Layout(struct.PyTreeNode):
     unplaced: dict[str, jax.Array]
     valid: jax.Array
     attempt: jax.Array
+    tries: int | None = struct.field(pytree_node=False)
 
     @classmethod
-    def empty(cls, grid_size: int, floor_size: jax.Array | float, **own: Any) -> Self:
+    def empty(cls, grid_size: int, floor_size: jax.Array | float, tries: int | None = None, **own: Any) -> Self:
         """Nothing on an open floor; `own` are the fields of a subclass."""
         return cls(
             grid=Grid.create(grid_size, floor_size),
@@ -62,6 +64,7 @@ class Layout(struct.PyTreeNode):
             unplaced={},
             valid=jnp.ones((), bool),
             attempt=jnp.zeros((), jnp.int32),
+            tries=tries,
             **own,
         )
 
@@ -88,8 +91,9 @@ class Layout(struct.PyTreeNode):
     ) -> tuple[Layout, jax.Array, jax.Array]:
         """Finds a place for one object and marks its cells.
 
-        There is a place whenever a cell of positive weight is free: no tries are counted. The draw hashes the
-        object's own seed with each cell, so that another object changes this one's place only by taking its cell.
+        There is a place whenever a cell of positive weight is free; with `tries`, as often as one of so many places
+        that are drawn whether free or not would be. The draw hashes the object's own seed with each cell, so that
+        another object changes this one's place only by taking its cell.
 
         Args:
             name: the object's.
@@ -113,7 +117,10 @@ class Layout(struct.PyTreeNode):
             raise ValueError(f"placement_fn: got {array_words(weights)} from it; takes an array of weights {(g, g)}")
         if jnp.shape(weights) != (g, g):
             raise ValueError(f"placement_fn: returned weights of shape {jnp.shape(weights)}; takes {(g, g)}")
-        best, found = _pick(seed[0], jnp.asarray(weights), grid.free(cells))
+        free = grid.free(cells)
+        best, found = _pick(seed[0], jnp.asarray(weights), free)
+        if self.tries is not None:
+            found &= _is_lucky(seed[0], jnp.asarray(weights, float), free, self.tries)
         corner = jnp.stack([best // g, best % g])
         centre = corner * grid.cell + offset
         placed = found & wanted
@@ -124,10 +131,20 @@ class Layout(struct.PyTreeNode):
         return layout, centre, placed
 
 
+LUCK = 2**31 + 1
+"""What no cell has as its number."""
+
 PlacementFn = Callable[[Layout, jax.Array], jax.Array]
 """`(layout, cells) -> weights`: the layout so far and an object's footprint (2,) in cells to non-negative weights
 (G, G) over the cells where its lower-left corner could go; of booleans, all that are true weigh alike. Cells where it
 would not fit are ruled out afterwards."""
+
+
+def _is_lucky(seed: jax.Array, weights: jax.Array, free: jax.Array, tries: int) -> jax.Array:
+    """Whether one of so many draws by weight is of a free cell: () bool."""
+    share = (weights * free).sum() / jnp.maximum(weights.sum(), 1e-30)
+    luck = (hashed(seed, jnp.uint32(LUCK)) >> 8).astype(jnp.float32) / 2**24
+    return luck >= (1 - share) ** tries
 
 
 def _pick(seed: jax.Array, weights: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:

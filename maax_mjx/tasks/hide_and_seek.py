@@ -137,10 +137,10 @@ class QuadrantConfig(HideAndSeekConfig):
     The code differs from the published one in details: where things start to the cell and in doorways; cones of sight
     measured between centres; rays that end at the lidar's range; hands that do not collide; stiffer holds and locks;
     the box by which ramps are reached, and to whose middle the ray of sight goes; an end to episodes in which
-    something leaves a closed arena; 20 iterations of Newton's method. `published=True` takes all of these as they are
-    there. Either way agents also observe doors, touches, which agents are in play, and holds; teams and the rest of
-    the preparation are separate arrays, not columns of the arrays about others; and a world that does not fit is drawn
-    anew with the same counts.
+    something leaves a closed arena; 20 iterations of Newton's method; the same counts where a world that does not fit
+    is drawn anew. `published=True` takes all of these as they are there. Either way agents also observe doors, touches,
+    which agents are in play, and holds; teams and the rest of the preparation are separate arrays, not columns of the
+    arrays about others.
 
     Attributes:
         published: whether details are as in the published code; see docs/games.md.

@@ -11,7 +11,16 @@ C = TypeVar("C", bound=Config)
 
 ITERATIONS = 100
 """Iterations of the solver, MuJoCo's default."""
-WORLD = {"arms": True, "inertial_reach": True, "in_doorways": True, "may_leave": True, "cone_between": "corners"}
+TRIES = 10
+"""Places that are tried for an object."""
+WORLD: dict[str, Any] = {
+    "arms": True,
+    "inertial_reach": True,
+    "in_doorways": True,
+    "may_leave": True,
+    "placement_tries": TRIES,
+    "cone_between": "corners",
+}
 PARTS: dict[str, dict[str, Any]] = {
     "lidar": {"capped": False},
     "lock": {"method": "joint_range", "soft": True},

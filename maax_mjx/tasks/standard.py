@@ -76,7 +76,8 @@ class WorldConfig(Extensions):
         arms: whether agents have the published arms; see `Agents`.
         inertial_reach: how agents reach for ramps; see `Ramps`.
         in_doorways: whether things may start in doorways; see `WallScenarios`.
-        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world, may_leave: see `Base`.
+        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world, may_leave,
+            placement_tries: see `Base`.
     """
 
     scenario: ScenarioNames = "quad"
@@ -111,6 +112,7 @@ class WorldConfig(Extensions):
     world_params: WorldParams = field(default_factory=WorldParams)
     contacts_per_world: Contacts | None = None
     may_leave: bool = False
+    placement_tries: PositiveCount | None = None
 
 
 @dataclass(frozen=True)
@@ -241,6 +243,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
         config.world_params,
         config.contacts_per_world,
         config.may_leave,
+        config.placement_tries,
     )
     walls = WallScenarios(
         config.scenario,
