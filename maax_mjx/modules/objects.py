@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.annotated import NonNegative, check_value
 from maax_mjx.common.checks import check_bool
 from maax_mjx.common.observed import POSITION, SIZE, SPIN, VELOCITY, YAW, Column
 from maax_mjx.common.params import DomainParams, Parameter
@@ -49,9 +50,10 @@ class Boxes(Entities):
         boxsize_obs: whether `box_obs` has three columns with the box's extents; None adds them if worlds differ in
             them.
         polar_obs: whether `box_obs` has cos and sin of the yaw instead of the yaw itself; free boxes have neither.
+        damping: of all joints, in N s/m and Nm s/rad.
 
     Raises:
-        ValueError: a negative or reversed count, or a size or mass that is not positive.
+        ValueError: a negative or reversed count, a negative damping, or a size or mass that is not positive.
     """
 
     kind = "box"
@@ -74,7 +76,9 @@ class Boxes(Entities):
         boxid_obs: bool = False,
         boxsize_obs: bool | None = None,
         polar_obs: bool = True,
+        damping: float = 0.01,
     ):
+        self.damping = float(check_value("damping", damping, NonNegative))
         self.size = Ranged("box_size", box_size, above=True)
         self.mass = Ranged("box_mass", box_mass, above=True)
         free = check_bool("free", free) or not check_bool("box_only_z_rot", box_only_z_rot)
@@ -120,7 +124,7 @@ class Boxes(Entities):
     def make(self, name: str) -> Obj:
         size = [float(e) for e in self.extent]
         rgba = (0.80, 0.71, 0.55, 1.0)
-        return Geom("box", size, name=name, mass=self.mass.high, free=self.free, rgba=rgba)
+        return Geom("box", size, name=name, mass=self.mass.high, free=self.free, rgba=rgba, damping=self.damping)
 
     def draw_extents(self, key: jax.Array, params: DomainParams, wanted: jax.Array) -> jax.Array:
         return self.draw(self.size, key, params)[:, None] * self.elongated.draw(key, params, wanted)
@@ -163,9 +167,10 @@ class Ramps(Entities):
         per_object: whether every ramp draws its own friction; otherwise all of a world share one draw.
         inertial_reach: whether agents reach for the box with the axes of the wedge's inertia, as in the published code,
             0.47 m by 0.5 m by 0.71 m, instead of the box around it.
+        damping: of all joints, in N s/m and Nm s/rad.
 
     Raises:
-        ValueError: a negative or reversed count.
+        ValueError: a negative or reversed count, or a negative damping.
     """
 
     kind = "ramp"
@@ -180,7 +185,9 @@ class Ramps(Entities):
         random_yaw: bool = False,
         per_object: bool = True,
         inertial_reach: bool = False,
+        damping: float = 0.1,
     ):
+        self.damping = float(check_value("damping", damping, NonNegative))
         self.inertial_reach = check_bool("inertial_reach", inertial_reach)
         super().__init__(
             n_ramps,
@@ -193,7 +200,7 @@ class Ramps(Entities):
         )
 
     def make(self, name: str) -> Obj:
-        return Wedge(RAMP_SIZE, name, mass=RAMP_MASS, free=self.free)
+        return Wedge(RAMP_SIZE, name, mass=RAMP_MASS, free=self.free, damping=self.damping)
 
     def reach_of(self, world: World) -> jax.Array:
         if not self.inertial_reach:

@@ -10,7 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.arrays import with_rows
-from maax_mjx.common.checks import check_bool, check_choice, check_count, check_count_range, check_fraction
+from maax_mjx.common.checks import (
+    check_bool,
+    check_choice,
+    check_count,
+    check_count_range,
+    check_fraction,
+    check_positive,
+)
 from maax_mjx.common.observed import POSITION, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, World
@@ -55,6 +62,7 @@ class WallScenarios(Module):
         friction: sliding friction of the walls, or a range drawn per world; None keeps MuJoCo's default of 1.
         outer: how the arena is closed: "walls"; "limits", joint ranges of movable entities, which cost no contacts; or
             "none", an open floor.
+        outer_height: height of the outer walls in metres, where they are not low.
         in_doorways: whether things may start in doorways, as in the published code.
 
     Raises:
@@ -77,6 +85,7 @@ class WallScenarios(Module):
         friction: float | tuple[float, float] | None = None,
         outer: str = "walls",
         in_doorways: bool = False,
+        outer_height: float = OUTER_HEIGHT,
     ):
         self.in_doorways = check_bool("in_doorways", in_doorways)
         names: list = list(scenario) if isinstance(scenario, list | tuple) else [scenario]
@@ -106,7 +115,7 @@ class WallScenarios(Module):
         self._max_rooms = max(scenario.n_rooms for scenario in self._drawn)
         self.n_outer = 4 if outer == "walls" else 0
         self.n_walls = self.n_outer + 2 * self.n_inner
-        height = INNER_HEIGHT if low else OUTER_HEIGHT
+        height = INNER_HEIGHT if low else check_positive("outer_height", outer_height)
         self._heights = np.array([height] * self.n_outer + [INNER_HEIGHT] * 2 * self.n_inner, np.float32)
 
     @property

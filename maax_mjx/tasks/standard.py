@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, NamedTuple
 
 from maax_mjx.common.annotated import (
     Bounds,
     Count,
     FractionRange,
+    NonNegative,
     NonNegativeRange,
     OneOf,
     Positive,
@@ -31,8 +32,9 @@ from maax_mjx.layout import (
     uniform_placement,
 )
 from maax_mjx.modules import Agents, Boxes, FloorAttributes, Module, Ramps, WallScenarios
+from maax_mjx.modules.agents import DAMPING
 from maax_mjx.modules.placed import MOST
-from maax_mjx.modules.walls import OUTER
+from maax_mjx.modules.walls import OUTER, OUTER_HEIGHT
 from maax_mjx.physics import impls
 from maax_mjx.tasks.config import Config, Extensions
 from maax_mjx.tasks.observe import OBSERVATIONS, OBSERVE
@@ -73,6 +75,9 @@ class WorldConfig(Extensions):
         gear: gear of the agents' motors, in N and Nm; see `Agents`.
         random_yaw: whether agents, boxes and ramps start at random yaws.
         boxsize_obs: whether boxes are observed with their extents; None does so if worlds differ in them.
+        free: whether boxes and ramps have free joints; see `Boxes`.
+        agent_damping, box_damping, ramp_damping: see `Agents`, `Boxes` and `Ramps`.
+        outer_height: height of the outer walls in metres.
         arms: whether agents have the published arms; see `Agents`.
         inertial_reach: how agents reach for ramps; see `Ramps`.
         in_doorways: whether things may start in doorways; see `WallScenarios`.
@@ -101,6 +106,11 @@ class WorldConfig(Extensions):
     gear: PositiveRange = 100.0
     random_yaw: bool = False
     boxsize_obs: bool | None = None
+    free: bool = False
+    agent_damping: NonNegativeRange = DAMPING
+    box_damping: NonNegative = 0.01
+    ramp_damping: NonNegative = 0.1
+    outer_height: Positive = OUTER_HEIGHT
     arms: bool = False
     inertial_reach: bool = False
     in_doorways: bool = False
@@ -146,9 +156,32 @@ class HidersAndSeekers(Config):
         return sides
 
 
+OURS, MAAX = "ours", "maax"
+AS_IN_MAAX: dict[str, Any] = {
+    "free": True,
+    "agent_damping": 0.01,
+    "agent_friction": 0.01,
+    "box_damping": 0.01,
+    "box_friction": 0.2,
+    "ramp_damping": 0.001,
+    "ramp_friction": 0.01,
+    "wall_friction": 0.01,
+    "outer_height": 3.0,
+}
+"""Fields of the world that MAax's own files describe, `simple.xml` and `batch.ipynb`."""
+
+
 @dataclass(frozen=True)
 class StandardConfig(HidersAndSeekers, WorldConfig):
-    """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp."""
+    """M = [(2, 2), quad, 1, 1]: 2 hiders, 2 seekers, quadrant walls with doors, outer walls, 1 box, 1 ramp.
+
+    Attributes:
+        preset: "ours", or "maax" for the bodies as MAax, the thesis's code, has them: boxes and ramps with free joints,
+            hardly any damping and friction, outer walls of 3 m. Fields that are not at their defaults stay. There,
+            agents do not move along z at all; here they rest on the floor.
+    """
+
+    preset: Annotated[str, OneOf((OURS, MAAX))] = OURS
 
 
 @dataclass(frozen=True)
@@ -218,6 +251,10 @@ def standard(config: StandardConfig) -> Base:
     Raises:
         ValueError: no agents at all, an unknown placement, or arguments that the modules refuse.
     """
+    if config.preset == MAAX:
+        defaults = type(config)()
+        changed = {name for name in AS_IN_MAAX if getattr(config, name) == getattr(defaults, name)}
+        config = replace(config, **{name: AS_IN_MAAX[name] for name in changed})
     return world(config, config.sides)
 
 
@@ -256,6 +293,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
         friction=config.wall_friction,
         outer=config.outer,
         in_doorways=config.in_doorways,
+        outer_height=config.outer_height,
     )
     env.add_module(walls)
     if config.floor_friction is not None:
@@ -275,6 +313,7 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
             config.random_yaw,
             friction=config.agent_friction,
             gear=config.gear,
+            damping=config.agent_damping,
             arms=config.arms,
         )
     )
@@ -286,6 +325,8 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
             n_elongated_boxes=config.n_elongated_boxes,
             random_yaw=config.random_yaw,
             boxsize_obs=config.boxsize_obs,
+            free=config.free,
+            damping=config.box_damping,
         )
     )
     env.add_module(
@@ -295,6 +336,8 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
             config.ramp_friction,
             random_yaw=config.random_yaw,
             inertial_reach=config.inertial_reach,
+            free=config.free,
+            damping=config.ramp_damping,
         )
     )
     return env
