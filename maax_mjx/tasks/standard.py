@@ -81,8 +81,8 @@ class WorldConfig(Extensions):
         arms: whether agents have the published arms; see `Agents`.
         inertial_reach: how agents reach for ramps; see `Ramps`.
         in_doorways: whether things may start in doorways; see `WallScenarios`.
-        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world, may_leave,
-            placement_tries: see `Base`.
+        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
+        may_leave, placement_tries: see `Base`.
     """
 
     scenario: ScenarioNames = "quad"

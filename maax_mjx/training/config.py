@@ -147,6 +147,7 @@ PRESETS: dict[str, TrainConfig] = {
         env={"observations": "split", "observe": "all", "boxsize_obs": True},
     ),
 }
+"""Settings by name: for a GPU, for a laptop, and those of Baker et al."""
 
 
 def preset(name: str, overrides: Mapping[str, Any] | None = None) -> TrainConfig:

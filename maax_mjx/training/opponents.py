@@ -103,3 +103,4 @@ SCRIPTED: dict[str, Scripted] = {
     "lock_and_return": Scripted("lock_and_return", _lock_and_return, _has_lock_task),
     "close_door": Scripted("close_door", _close_door, _can_close_doors),
 }
+"""Scripted players by name."""

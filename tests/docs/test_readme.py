@@ -55,7 +55,9 @@ def test_links_lead_somewhere(page):
 
 COMMANDS = [
     line
-    for block in re.findall(r"```sh\n(.*?)```", PAGES[0].read_text(), re.DOTALL)
+    for page in PAGES
+    if page.stem in ("README", "command_line")
+    for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)
     for line in block.splitlines()
     # What takes minutes is run at its smallest by tests/cli/test_train.py.
     if line.startswith("maax-mjx ") and "runs/" not in line
@@ -64,7 +66,7 @@ COMMANDS = [
 
 @pytest.mark.slow
 def test_commands(tmp_path, monkeypatch, capsys):
-    """Those of the README, one after the other in one folder, with fewer pictures in the films."""
+    """Those of the README and the page about them, one after the other in one folder, with fewer pictures in films."""
     assert len(COMMANDS) > 5
     monkeypatch.setattr(rollout, "MAX_FRAMES", 25)
     monkeypatch.setattr(render, "GIF_FPS", 4)

@@ -61,7 +61,10 @@ def test_it_steps():
     env = maax.make("standard", preset="maax", impl="c")
     worlds = maax.Worlds(env, 8)
     states, kept = worlds.rollout(
-        worlds.reset(seeds.key(1)), lambda state, key: env.sample_action(key), 100, keep=("metrics.physics_fault", "obs")
+        worlds.reset(seeds.key(1)),
+        lambda state, key: env.sample_action(key),
+        100,
+        keep=("metrics.physics_fault", "obs"),
     )
     assert not np.asarray(kept["metrics.physics_fault"]).any()
     assert np.isfinite(jax.tree.leaves(jax.tree.map(np.asarray, kept["obs"]))[0]).all()

@@ -1,0 +1,13 @@
+# maax_mjx on CPUs:   docker build -f docker/cpu.Dockerfile -t maax_mjx . && docker run --rm maax_mjx rollout tag --worlds 16
+FROM python:3.12.11-slim-bookworm
+RUN apt-get update && apt-get install -y --no-install-recommends libegl1=1.6.* libgl1-mesa-dri=22.* \
+    && rm -rf /var/lib/apt/lists/*
+WORKDIR /maax_mjx
+COPY pyproject.toml README.md CHANGELOG.md LICENSE ./
+COPY maax_mjx maax_mjx
+RUN pip install --no-cache-dir ".[viewer]"
+RUN useradd --create-home player
+USER player
+WORKDIR /home/player
+ENTRYPOINT ["maax-mjx"]
+CMD ["info"]
