@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
 from scipy import stats
 
 import maax_mjx as maax
+from maax_mjx.layout import Layout
 
-N, FLOOR, CELL = 4_000, 6.0, 0.2
+N, FLOOR, CELL, G = 4_000, 6.0, 0.2, 30
 AGENT, HALF = 0.15, 0.25
 
 
@@ -62,6 +64,47 @@ def test_separation_and_proximity(batch_reset):
     free = agents[~anchored]
     assert (free.max(axis=(0, 1)) > 5).all(), "without its anchor, proximity is uniform"
     assert (free.min(axis=(0, 1)) < 1).all()
+
+
+def published_near(first, radius):
+    """(..., G, G) bool, of cells (..., 2): where OpenAI's code draws the lowest cell of what is close to another."""
+    r = int(np.ceil(radius / CELL))
+    low, high = np.maximum(1, first - r), np.minimum(G - 1, first + r)
+    x, y = ((np.arange(G) >= low[..., i, None]) & (np.arange(G) < high[..., i, None]) for i in range(2))
+    return x[..., :, None] & y[..., None, :]
+
+
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize("radius", [0.2, 0.25, 0.4, 0.9])
+def test_published_proximity_is_the_published_range_of_cells(radius, cells):
+    """Wherever in its cells the other object lies; all of the floor where it is not in play."""
+    rng, placement = seeds.rng(0), maax.published_proximity_placement(radius, to="food0")
+    first = np.concatenate([rng.integers(0, G - cells + 1, (400, 2)), [[0, 0], [0, G - cells], [G - cells] * 2]])
+    extent = (cells - rng.uniform(0.01, 0.99, first.shape)) * CELL
+    centre = first * CELL + extent / 2 + rng.uniform(0, 1, first.shape) * (cells * CELL - extent)
+    layout = Layout.empty(G, FLOOR)
+
+    def weights(centre, there):
+        return placement(layout.replace(objects={"food0": jnp.append(centre, there)}), jnp.full(2, cells))
+
+    got = jax.jit(jax.vmap(weights, in_axes=(0, None)))
+    np.testing.assert_array_equal(got(jnp.asarray(centre), 1.0) > 0, published_near(first, radius))
+    assert np.asarray(got(jnp.asarray(centre[:1]), 0.0)).all()
+
+
+def test_published_proximity_in_worlds(batch_reset):
+    """In every world there, and in every cell there in some; of what is wanted, all has a place."""
+    near = maax.published_proximity_placement(0.5, to="food0")
+    env = make(maax.Agents(1), maax.Food((1, 3), placement_fn=[maax.uniform_placement, near, near]))
+    state = jax.device_get(batch_reset(env, jax.random.split(seeds.key(2), N)).replace(key=()))
+    assert state.world.valid.all()
+    cells, there = np.floor(state.world.sites["food"][..., :2] / CELL).astype(int), state.world.active["food"]
+    allowed, offsets = published_near(cells[:, 0], 0.5), []
+    for i in (1, 2):
+        own = cells[there[:, i], i]
+        assert allowed[there[:, i]][np.arange(len(own)), own[:, 0], own[:, 1]].all()
+        offsets.append(own - cells[there[:, i], 0])
+    assert len(np.unique(np.concatenate(offsets), axis=0)) == 6 * 6 - 1, "the first one's own cell is taken"
 
 
 def test_centre_and_middle(batch_reset):
@@ -160,6 +203,12 @@ def test_a_function_of_ones_own(batch_reset):
         (lambda: maax.middle_placement(1.5), "fraction: got 1.5"),
         (lambda: maax.separation_placement(-1), "radius: got -1; takes a positive number"),
         (lambda: maax.proximity_placement(1.0, 3), "to: got 3; takes an object's name"),
+        (lambda: maax.published_proximity_placement(1.0, 3), "to: got 3; takes an object's name"),
+        (lambda: maax.published_proximity_placement(0, "box0"), "radius: got 0; takes a positive number"),
+        (
+            lambda: make(maax.Agents(1), maax.Food(1, placement_fn=maax.published_proximity_placement(1.0, "box0"))),
+            "for food0, and no 'box0' is placed before it",
+        ),
         (lambda: maax.room_placement(-1), "index: got -1"),
         (lambda: maax.all_of(), "all_of: got ()"),
         (lambda: maax.any_of(maax.quad_placement, 3), "any_of: got"),

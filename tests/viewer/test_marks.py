@@ -269,6 +269,57 @@ def test_capture_the_flag_marks_flags_scores_and_who_is_out():
         assert (parts[f"agent{slot}"].shape.rgba != own) == is_out
 
 
+@pytest.fixture(scope="module")
+def dinner():
+    """Two pieces of food of 4 units, and a third that may be there: (environment, a state in which it is not)."""
+    env = maax.Base(3, impl="c")
+    env.add_module(maax.WallScenarios("empty", outer="none"))
+    env.add_module(maax.Agents(3, [maax.at_placement(x, 5.2) for x in (0.7, 3.0, 5.3)]))
+    env.add_module(maax.Food((2, 3), placement_fn=[maax.at_placement(*at) for at in ((1.5, 1.5), (4.5, 3.0), (3, 1))]))
+    env = maax.EatFood(env, max_health=4)
+    state = jax.device_get(env.reset(seeds.key(0)))
+    active = state.world.active | {"food": np.array([True, True, False])}
+    return env, state.replace(world=state.world.replace(active=active))
+
+
+def eaten(state, health, units=0.0):
+    meals = state.mechanics["eat_food"].replace(health=np.array(health), eaten=np.array([units, units, 0.0]))
+    return state.replace(mechanics=state.mechanics | {"eat_food": meals})
+
+
+def test_food_darkens_as_it_is_eaten(dinner):
+    env, state = dinner
+    fresh, half = (Stage(env).frame(eaten(state, health, 1.5)) for health in ([4.0, 4.0, 0.0], [4.0, 2.0, 0.0]))
+    colours = [{part.name: np.array(part.shape.rgba) for part in frame.parts} for frame in (fresh, half)]
+    assert half.text[-1] == "eaten 3"
+    np.testing.assert_allclose(colours[1]["food0"], colours[0]["food0"])
+    assert colours[1]["food1"][:3].sum() < colours[0]["food1"][:3].sum() - 0.1
+    empty = {part.name: np.array(part.shape.rgba) for part in Stage(env).frame(eaten(state, [4.0, 0.0, 0.0])).parts}
+    assert empty["food1"][:3].sum() < colours[1]["food1"][:3].sum() - 0.1
+    assert "food2" not in empty
+
+
+@pytest.mark.parametrize("view", ["plan", "3d"])
+def test_eaten_food_is_in_the_pixels_where_it_lies(dinner, view):
+    env, state = dinner
+
+    def picture(health, units=0.0):
+        shown = eaten(state, health, units)
+        return maax.render(env, shown, view=view, size=(300, 300), camera="top").astype(int)
+
+    with skipped_without_opengl():
+        full = picture([4.0, 4.0, 0.0])
+    found = []
+    for health in ([0.0, 4.0, 0.0], [4.0, 0.0, 0.0]):
+        y, x = np.nonzero(np.abs(picture(health) - full).max(axis=-1) > 20)
+        assert len(x) > 3
+        found.append([x.mean(), -y.mean()])
+    way, expected = np.diff(found, axis=0)[0], np.diff(state.world.sites["food"][:2, :2], axis=0)[0]
+    scale = np.linalg.norm(way) / np.linalg.norm(expected)
+    assert 300 / 6 * 0.7 < scale < 300 / 6 * 1.1, "a floor of 6 m takes most of the picture"
+    np.testing.assert_allclose(way, scale * expected, atol=0.3 * scale)
+
+
 class Drawn(Painted):
     """A wrapper with marks."""
 

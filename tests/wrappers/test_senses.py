@@ -25,7 +25,8 @@ def env():
     env.add_module(maax.Boxes((1, 5), n_elongated_boxes=(0, 3), box_size=(0.3, 0.5), random_yaw=True))
     env.add_module(maax.Ramps((0, 2), random_yaw=True))
     env.add_module(maax.Cylinders((0, 2), (0.3, 0.6), (0.2, 0.6)))
-    return maax.Lidar(maax.LineOfSight(env, objects=["box", "ramp", "cylinder"]), N_RAYS, range=100.0)
+    env.add_module(maax.Food((1, 8)))
+    return maax.Lidar(maax.LineOfSight(env, objects=["box", "ramp", "food", "cylinder"]), N_RAYS, range=100.0)
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +98,31 @@ def test_line_of_sight_is_the_cone_and_mj_ray(env, worlds):
     assert hidden > 50
 
 
+def test_food_is_seen_where_the_cone_and_mj_ray_get_to_it(env, worlds):
+    """A mark on the floor stops no ray: what is met before it, or nothing."""
+    states, plain = worlds
+    agents, mask = env.base.agents, states.obs["sees_food"]
+    assert mask.shape == (N_WORLDS, 5, 8)
+    agreed, seen, hidden, total = 0, 0, 0, 0
+    for i, (model, data) in enumerate(plain):
+        there = states.world.active["food"][i]
+        assert not mask[i][:, ~there].any()
+        for a in range(5):
+            playing, eye = states.world.active["agent"][i, a], data.xpos[agents.body_ids[a]]
+            heading = states.data.qpos[i, agents.qpos_ids[a, 3]] - np.pi / 2
+            for j in np.flatnonzero(there):
+                to = states.world.sites["food"][i, j] - eye
+                away = np.linalg.norm(to)
+                turn = (np.arctan2(to[1], to[0]) - heading + np.pi) % (2 * np.pi) - np.pi
+                met, _ = cast(model, data, eye, to / away, int(agents.body_ids[a]))
+                ahead = playing and abs(turn) <= 3 * np.pi / 8
+                total, agreed = total + 1, agreed + ((ahead and met >= away) == mask[i, a, j])
+                seen, hidden = seen + (ahead and met >= away), hidden + (ahead and met < away)
+    assert agreed >= total - 1
+    assert seen > 5
+    assert hidden > 5
+
+
 def test_frames_ranges_and_compression():
     env = maax.Base(1, impl="c")
     env.add_module(maax.WallScenarios("empty"))
@@ -127,6 +153,8 @@ def test_frames_ranges_and_compression():
         (lambda e: maax.Lidar(e, compress=0), "compress: got 0"),
         (lambda e: maax.LineOfSight(e, cone=7), "cone: got 7; takes an angle in radians"),
         (lambda e: maax.LineOfSight(e, objects=["boxs"]), "objects: got 'boxs'; did you mean 'box'"),
+        (lambda e: maax.LineOfSight(e, objects=["food"]), "objects: got 'food'; takes one of ['box', 'ramp']"),
+        (lambda e: maax.LineOfSight(e, objects=["walls"]), "objects: got 'walls'; takes one of ['box', 'ramp']"),
     ],
 )
 def test_mistakes(call, message):
