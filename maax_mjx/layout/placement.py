@@ -271,7 +271,8 @@ def published_proximity_placement(radius: float, to: str) -> PlacementFn:
     """A placement near the object named `to`, in the range of cells of OpenAI's `close_to_other_object_placement`.
 
     With r cells in the radius, rounded up, the lowest cell of an object is from r cells below that of the other to
-    r - 1 above it on each axis, and not on the edge of the floor: a square, where `proximity_placement` has a disc.
+    r - 1 above it on each axis, and not the first or last of the floor: a square, where `proximity_placement` has a
+    disc.
     The other object has as many cells. Anywhere in a world where that object is not in play.
 
     Raises:

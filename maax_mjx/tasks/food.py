@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 from typing import Annotated
+
+import jax
+import jax.numpy as jnp
 
 from maax_mjx.common.annotated import NonNegativeRange, OneOf, Positive, PositiveCount
 from maax_mjx.core.env import Environment
-from maax_mjx.layout import published_middle_placement, published_proximity_placement, quad_placement
+from maax_mjx.layout import Layout, published_middle_placement, published_proximity_placement, quad_placement
 from maax_mjx.modules import Food
 from maax_mjx.tasks.config import Config
 from maax_mjx.tasks.standard import Placement, placement_of
 from maax_mjx.wrappers import (
     AlwaysEat,
     EatFood,
-    LineOfSight,
     MaskActions,
     MaskPreparationAction,
     MaskUnseenAction,
 )
 from maax_mjx.wrappers.food import EAT, FOOD_REW_TYPES
 from maax_mjx.wrappers.teams import HIDERS
-from maax_mjx.wrappers.wrapper import find
 
 MIDDLE = 0.25
 """Share of the floor's edge, of the square in which the first piece of food lies."""
@@ -54,30 +56,43 @@ class FoodConfig(Config):
     scale: NonNegativeRange = 1.0
 
 
-def food_of(config: FoodConfig, has_quadrant: bool) -> Food:
-    """Makes the food of a config: the first piece of each group, and the others near it."""
+def food_of(config: FoodConfig, cell: float) -> Food:
+    """Makes the food of a config: the first piece of each group, and the others near it.
+
+    Args:
+        config: the config.
+        cell: edge of the grid's cells in metres, on the largest floor.
+
+    Raises:
+        ValueError: groups of different sizes, or larger than their place.
+    """
     n, each = config.n_food, config.n_food // config.n_clusters
     if n % config.n_clusters:
         raise ValueError(
             f"food.n_clusters: got {config.n_clusters} for n_food={n}; takes a number of groups that are equally large"
         )
-    if config.placement is not None:
-        first = placement_of("food.placement", config.placement)
-    else:
-        first = quad_placement if has_quadrant else published_middle_placement(MIDDLE)
+    first = _first_piece if config.placement is None else placement_of("food.placement", config.placement)
     placements = [first] * n
     if config.together_radius is not None:
-        near = [
-            published_proximity_placement(config.together_radius, f"{Food.kind}{i // each * each}") for i in range(n)
-        ]
-        placements = [near[i] if i % each else first for i in range(n)]
+        radius, firsts = config.together_radius, [f"{Food.kind}{i // each * each}" for i in range(n)]
+        room = (2 * ceil(radius / cell - 1e-6)) ** 2
+        if each > room:
+            raise ValueError(
+                f"food.n_food: got {each} pieces in a group with together_radius={radius:g}, which has {room} cells; "
+                "takes fewer, more groups (n_clusters), or a larger radius"
+            )
+        placements = [published_proximity_placement(radius, firsts[i]) if i % each else first for i in range(n)]
     return Food(n, placement_fn=placements)
+
+
+def _first_piece(layout: Layout, cells: jax.Array) -> jax.Array:
+    """Allows places in the quadrant, or around the middle of a floor without one, as published."""
+    middle = published_middle_placement(MIDDLE)(layout, cells)
+    return jnp.where(layout.plan.quadrant[2] > 0, quad_placement(layout, cells), middle)
 
 
 def with_food(env: Environment, config: FoodConfig) -> Environment:
     """Lets hiders eat what they see, by the published rules."""
-    if find(env, LineOfSight) is None:
-        raise ValueError("food: got food in a game without sight; takes cone=3 * np.pi / 4, or another angle")
     env = EatFood(env, config.radius, config.max_health, config.respawn_steps, config.rew_type, config.scale)
     env = MaskPreparationAction(MaskActions(env, EAT, (f"sees_{Food.kind}",)), EAT)
     if not config.when_caught:

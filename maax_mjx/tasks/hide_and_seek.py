@@ -15,6 +15,7 @@ from maax_mjx.common.annotated import (
     PositiveCountRange,
     PositiveRange,
 )
+from maax_mjx.common.checks import pair_of
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Food
 from maax_mjx.tasks.config import Config
@@ -42,8 +43,6 @@ from maax_mjx.wrappers.locks.rules import LOCK_TYPES
 from maax_mjx.wrappers.locks.slots import METHODS
 from maax_mjx.wrappers.rewards import CATCHES, REW_TYPES
 from maax_mjx.wrappers.senses import BETWEEN, CONE, FRAMES, Cone, RayCount
-
-QUAD = "quad"
 
 
 @dataclass(frozen=True)
@@ -221,7 +220,11 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
         config = as_published(config)
     base = world(config, config.sides)
     if config.food is not None:
-        base.add_module(food_of(config.food, QUAD in (config.scenario, *config.scenario)))
+        if config.cone is None:
+            raise ValueError("cone: got None in a game with food; takes an angle, as hiders eat what they see")
+        if not pair_of(config.n_hiders)[1]:
+            raise ValueError(f"n_hiders: got {config.n_hiders} in a game with food; takes hiders, who eat it")
+        base.add_module(food_of(config.food, base.floor_range.high / config.grid_size))
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))
     if config.cone is not None:
         seen = ("box", "ramp") if config.food is None else ("box", "ramp", Food.kind)

@@ -51,7 +51,8 @@ class EatFood(Wrapper):
     and 1, and the observation `food_health` (n_food, 1): units that are left.
 
     Who may eat what and when is said by wrappers around it: `MaskActions(env, "eat", ["sees_food"])`,
-    `MaskPreparationAction`, `MaskUnseenAction`, `AlwaysEat`. The reward is given in the preparation phase, too.
+    `MaskPreparationAction`, `MaskUnseenAction`, `AlwaysEat`. The reward is given in the preparation phase, too, but for
+    seekers, who cannot act then.
 
     Args:
         env: environment to wrap, with `Food`.
@@ -84,7 +85,7 @@ class EatFood(Wrapper):
         super().__init__(env)
         found = [m for m in self.base.modules.values() if isinstance(m, Food) and m.n_max]
         if not found:
-            raise ValueError(f"env: got {env!r}, without Food; EatFood takes one with something to eat")
+            raise ValueError(f"env: got {env!r}, without a piece of Food; EatFood takes one with something to eat")
         check_new_action(env, EAT)
         self.food = found[0]
         self.radius = float(check_value("radius", radius, Positive))
@@ -112,25 +113,29 @@ class EatFood(Wrapper):
         n, n_food = self.base.n_agents, self.food.n_max
         low, high = self.scale
         scale = jax.random.uniform(named_key(key, self.name), (), minval=low, maxval=high)
-        health = jnp.where(self._there(state), float(self.max_health), 0.0)
+        health = jnp.where(self._there(state), jnp.float32(self.max_health), 0.0)
         return self._observe(state, Meals(health, jnp.zeros(n_food, jnp.int32), jnp.zeros(n), scale))
 
     def transition(self, state: State, action: dict[str, Any]) -> State:
         meals: Meals = state.mechanics[self.name]
-        wants = jnp.asarray(action[EAT]) > 0
+        wants = (jnp.asarray(action[EAT]) > 0) & state.can_act[:, None]
         state = self.env.advance(state, {name: part for name, part in action.items() if name != EAT})
-        bites = self.bites(state, meals.health, wants)
-        health = jnp.maximum(meals.health - bites.sum(axis=0), 0.0)
+        eats = self.eating(state, meals.health, wants)
+        n_eaters = eats.sum(axis=0)
+        # Whole units, so that no crumbs are left by rounding.
+        eaten = jnp.minimum(jnp.minimum(n_eaters, 1) if self.split else n_eaters, meals.health)
+        bites = eats * (eaten / jnp.maximum(n_eaters, 1))
+        health = meals.health - eaten
         if self.respawn_steps is not None:
             back = (meals.empty == self.respawn_steps) & self._there(state)
-            health = jnp.where(back, float(self.max_health), health)
+            health = jnp.where(back, jnp.float32(self.max_health), health)
         empty = jnp.where(health == 0, meals.empty + 1, 0)
         each = bites.sum(axis=1)
         state = state.replace(reward=state.reward + meals.scale * self._shared(state, each))
         return self._observe(state, Meals(health, empty, meals.eaten + each, meals.scale))
 
-    def bites(self, state: State, health: jax.Array, wants: jax.Array) -> jax.Array:
-        """Returns how much every agent eats of every piece: (n_agents, n_food) units.
+    def eating(self, state: State, health: jax.Array, wants: jax.Array) -> jax.Array:
+        """Returns who eats of which piece: (n_agents, n_food) bool.
 
         Args:
             state: state after the step.
@@ -139,11 +144,7 @@ class EatFood(Wrapper):
         """
         to = state.world.sites[self.food.kind] - state.data.xpos[self.base.agents.body_ids][:, None]
         near = jnp.linalg.norm(to, axis=-1) < self.radius
-        bites = (wants & near & (health > 0) & self.playing(state)[:, None]).astype(jnp.float32)
-        if self.split:
-            bites /= jnp.maximum(bites.sum(axis=0), 1.0)
-        asked = bites.sum(axis=0)
-        return bites * jnp.where(asked > health, health / jnp.maximum(asked, 1e-6), 1.0)
+        return wants & near & (health > 0) & self.playing(state)[:, None]
 
     def _there(self, state: State) -> jax.Array:
         return state.world.active[self.food.kind]
