@@ -19,6 +19,7 @@ from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.tasks.config import from_plain
 from maax_mjx.training.folder import RUN, Folder
+from maax_mjx.training.policy import check_policy, load_any
 
 REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
@@ -93,7 +94,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
                 args.worlds,
                 devices=int(args.devices) if args.devices.isdigit() else args.devices,
                 seed=args.seed,
-                begin_from=None if args.begin_from is None else training.Policy.load(args.begin_from),
+                begin_from=None if args.begin_from is None else check_policy(load_any(args.begin_from), "begin_from"),
                 env=fields,
                 keep_faults=args.keep_faults,
                 **{name: value_of(text) for name, text in args.settings.items()},

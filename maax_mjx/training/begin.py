@@ -34,7 +34,7 @@ def taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
     Raises:
         ValueError: a policy of other networks.
     """
-    mine = check_policy(policy).network
+    mine = check_policy(policy, "begin_from").network
     # In which type the layers compute is no part of what was learnt.
     if replace(mine.net, compute=network.net.compute) != network.net:
         raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")

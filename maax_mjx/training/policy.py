@@ -131,7 +131,7 @@ class Policy(TrainedPolicy):
             path: file of weights, such as "hide_and_seek_full.npz"; nothing in it is unpickled.
 
         Raises:
-            ValueError: another file, or the policy of a task other than hide and seek.
+            ValueError: another file, or one without the networks of the published hide-and-seek games.
         """
         return OpenAIPolicy.read(path)
 
@@ -261,14 +261,19 @@ def _restored(network: Network, saved: dict[str, Any]) -> Weights:
     return jax.tree.map(lambda x, wanted: np.asarray(x, wanted.dtype), weights, template)
 
 
-def check_policy(policy: Any) -> Policy:
+def check_policy(policy: Any, argument: str = "policy") -> Policy:
     """Refuses what is no policy that can learn on.
 
     Raises:
         ValueError: something else.
     """
+    if isinstance(policy, OpenAIPolicy):
+        raise ValueError(
+            f"{argument}: got {policy!r}, which plays and does not learn on; takes a training.Policy, such as "
+            "Policy.load(path)"
+        )
     if not isinstance(policy, Policy):
-        raise ValueError(f"policy: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
+        raise ValueError(f"{argument}: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
     return policy
 
 

@@ -2,12 +2,11 @@
 
 Layers have numbers in the names of their variables: what comes before the attention embeds what is observed, what comes
 after it is a chain from the pooled entities to the memory. The networks of both published games differ in that chain
-and in their layer norms; both follow from the names that a file has.
+and in their layer norms.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -27,7 +26,6 @@ NORM_EPSILON = 1e-12
 POOL_EPSILON = 1e-5
 SOFTMAX_EPSILON = 1e-10
 FAR = 1e10
-LAYER = re.compile(r"(circ_conv1d|dense|self-attention|layernorm|lstm)(\d+)(?:-(\d+))?$")
 NET = "policy_net"
 ACTIONS = ("action_movement", "action_pull", "action_glueall")
 
@@ -114,84 +112,6 @@ class OpenAINetwork:
         found = jnp.einsum("ahij,ajhf->aihf", share, value).reshape(x.shape)
         x = x + _dense(weights, f"{scope}/mlp1", found)
         return _layer_norm(weights, f"{scope}/post_a_layernorm/LayerNorm", x)
-
-
-def network_of(weights: Mapping[str, np.ndarray]) -> OpenAINetwork:
-    """Returns the network that variables of these names and shapes belong to.
-
-    Raises:
-        ValueError: the network of another task, or variables that are missing or do not fit.
-    """
-    layers: dict[str, list[tuple[int, str]]] = {}
-    for name in {key.split("/")[1] for key in weights if key.startswith(f"{NET}/")}:
-        if (found := LAYER.match(name)) is None:
-            raise _unknown(f"a layer {name!r}")
-        layers.setdefault(found[1], []).append((int(found[2]), name))
-    (conv,), (attention,), (lstm,) = (_only(layers, kind) for kind in ("circ_conv1d", "self-attention", "lstm"))
-    dense = sorted(layers.get("dense", []))
-    embedding = sorted(name for number, name in dense if number < attention[0])
-    if len(embedding) != len(KINDS) + 1:
-        raise _unknown(f"{len(embedding)} embeddings, where agents, boxes, ramps and oneself make {len(KINDS) + 1}")
-    after = [*layers.get("layernorm", []), *[one for one in dense if one[0] > attention[0]], lstm]
-    blocks = {key.split("/")[2] for key in weights if key.startswith(f"{NET}/{attention[1]}/")}
-    if len(blocks) != 1:
-        raise _unknown(f"the parts {sorted(blocks)} of the attention, where there is one block")
-    first = embedding[0].removesuffix("-0")
-    own = len(weights.get("normalize_self_obs/obsfilter/mean", ()))
-    filters = _shape(weights, f"{NET}/{conv[1]}/conv1d/kernel")[-1]
-    around = _shape(weights, f"{NET}/{first}-{len(KINDS)}/kernel")[0]
-    widths = [_shape(weights, f"{NET}/{first}-{i}/kernel")[0] - around for i in range(len(KINDS))]
-    network = OpenAINetwork(
-        convolution=conv[1],
-        embedding=first,
-        attention=f"{attention[1]}/{blocks.pop()}",
-        chain=tuple(name for _, name in sorted(after)),
-        memory_size=_shape(weights, f"{NET}/{lstm[1]}/rnn/basic_lstm_cell/kernel")[1] // 2,
-        n_bins=_shape(weights, f"policy_out/{ACTIONS[0]}/dense/kernel")[1] // 3,
-        widths=(own, *widths),
-        n_rays=(around - own) // filters,
-    )
-    _check(network, weights)
-    return network
-
-
-def _check(network: OpenAINetwork, weights: Mapping[str, np.ndarray]) -> None:
-    """Refuses weights that the network cannot be computed with, by computing its shapes."""
-    n = 2
-    own, *each = network.widths
-    obs = {"observation_self": (n, own), "lidar": (n, network.n_rays, 1)}
-    obs |= {kind: (n, 1, width) for kind, width in zip(KINDS, each, strict=True)}
-    obs |= {mask: (n, 1) for mask in MASKS}
-    arrays = {name: jax.ShapeDtypeStruct(shape, jnp.float32) for name, shape in obs.items()}
-    try:
-        logits, memory = jax.eval_shape(
-            network, dict(weights), arrays, jax.ShapeDtypeStruct((n, network.memory_size), jnp.float32)
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise _unknown(f"variables that are missing or do not fit ({str(error).splitlines()[0]})") from None
-    sizes = [logits[action].shape[1] for action in ACTIONS]
-    if sizes != [3 * network.n_bins, 2, 2] or memory.shape[1] != network.memory_size:
-        raise _unknown(f"{sizes} logits of {ACTIONS}")
-
-
-def _only(layers: Mapping[str, list[tuple[int, str]]], kind: str) -> list[tuple[int, str]]:
-    found = layers.get(kind, [])
-    if len(found) != 1:
-        raise _unknown(f"{len(found)} layers {kind!r}")
-    return found
-
-
-def _shape(weights: Mapping[str, np.ndarray], name: str) -> tuple[int, ...]:
-    if name not in weights:
-        raise _unknown(f"no variable {name!r}")
-    return weights[name].shape
-
-
-def _unknown(got: str) -> ValueError:
-    return ValueError(
-        f"path: got a file with {got}; takes the policies of hide_and_seek_full, hide_and_seek_quadrant and "
-        "hide_and_seek_policy_phases"
-    )
 
 
 def _normalised(weights: Weights, name: str, scope: str, x: jax.Array) -> jax.Array:

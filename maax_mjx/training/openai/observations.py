@@ -63,12 +63,14 @@ class Adapter:
 
     Attributes:
         n_agents: number of agents.
-        lidar_range: metres that rays here read at least where they meet nothing; there they read `NO_HIT`.
+        lidar_range: metres that rays here read where they meet nothing; there they read `NO_HIT`.
+        capped: whether rays here also read that where they meet something further away.
         entities: boxes and ramps.
     """
 
     n_agents: int
     lidar_range: float
+    capped: bool
     entities: tuple[Entities, ...]
 
     def read(self, obs: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
@@ -82,7 +84,7 @@ class Adapter:
                 [_cornered(obs["agent_qpos_qvel_self"]), 1 - obs["agent_team_self"], prep], axis=-1
             ),
             "agent_qpos_qvel": jnp.concatenate([_cornered(others), 1 - obs["agent_team"], among], axis=-1),
-            "lidar": jnp.where(lidar >= self.lidar_range, NO_HIT, lidar),
+            "lidar": jnp.where(lidar >= self.lidar_range if self.capped else lidar == self.lidar_range, NO_HIT, lidar),
         }
         read |= {one.name: one.read(obs) for one in self.entities}
         return {name: jnp.asarray(x, jnp.float32) for name, x in read.items()} | {
@@ -117,8 +119,7 @@ def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
         )
     _check_actions(env, network)
     box, ramp = (_entities(env, kind, width) for kind, width in zip(("box", "ramp"), network.widths[2:], strict=True))
-    ends = lidar.range if lidar.capped or lidar.range != NO_HIT else np.inf
-    return Adapter(env.n_agents, ends, (box, ramp))
+    return Adapter(env.n_agents, lidar.range, lidar.capped, (box, ramp))
 
 
 def _entities(env: Environment, kind: str, width: int) -> Entities:
@@ -146,6 +147,10 @@ def _check_actions(env: Environment, network: OpenAINetwork) -> None:
     for name in sorted({*wanted, *got}):
         if name not in wanted or name not in got or wanted[name] != got[name]:
             raise ValueError(
-                f"policy: it decides {wanted.get(name, 'nothing')} of {name!r}, and env takes "
-                f"{got.get(name, 'nothing')}; {TAKES}"
+                f"policy: it decides {_words(wanted.get(name))} of {name!r}, and env takes {_words(got.get(name))}; "
+                f"{TAKES}"
             )
+
+
+def _words(space: spaces.Space | None) -> str:
+    return "nothing" if space is None else " ".join(str(space).split())

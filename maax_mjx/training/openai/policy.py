@@ -12,8 +12,9 @@ import numpy as np
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.training.openai.network import OpenAINetwork, network_of
+from maax_mjx.training.openai.network import OpenAINetwork
 from maax_mjx.training.openai.observations import PARTS, POSE, Adapter, adapter_of
+from maax_mjx.training.openai.structure import network_of
 from maax_mjx.training.openai.weights import Arrays, read_weights
 from maax_mjx.training.trained import TrainedPolicy
 
@@ -76,7 +77,11 @@ class OpenAIPolicy(TrainedPolicy):
     def read(cls, path: str | Path) -> OpenAIPolicy:
         """Reads a published file; see `Policy.from_openai`."""
         weights = read_weights(path)
-        return cls(Path(path).stem, weights, OpenAIPlay(network_of(weights)))
+        try:
+            network = network_of(weights)
+        except ValueError as error:
+            raise ValueError(f"path: got {path}: {error}") from None
+        return cls(Path(path).stem, weights, OpenAIPlay(network))
 
     def __repr__(self) -> str:
         return f"<OpenAIPolicy {self.name!r}>"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import posixpath
-import zipfile
 from pathlib import Path
 
 import numpy as np
+
+from maax_mjx.common.recorded import short
 
 PICKLED = "policy_fn_and_args"
 """The one entry that is a pickle, of the arguments of a TensorFlow network; it is never read."""
@@ -33,10 +34,12 @@ def read_weights(path: str | Path) -> Arrays:
         raise ValueError(f"path: got {path}, which is not there; {takes}")
     try:
         with np.load(path, allow_pickle=False) as file:
-            weights = {_named(key): file[key] for key in file.files if key != PICKLED and _is_used(key)}
-    # Of damaged bytes, and of objects, which only a pickle can hold.
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
-        raise ValueError(f"path: got {path}, which is no .npz of arrays, or damaged ({error}); {takes}") from None
+            weights = {_named(key): np.asarray(file[key]) for key in file.files if key != PICKLED and _is_used(key)}
+    # Damaged bytes make zip and NumPy raise errors of many kinds.
+    except Exception as error:
+        raise ValueError(
+            f"path: got {path}, which is no .npz of arrays, or damaged ({short(str(error))}); {takes}"
+        ) from None
     if not weights:
         raise ValueError(f"path: got {path}, without the variables of a policy; {takes}")
     for name, array in weights.items():
