@@ -11,6 +11,8 @@ from maax_mjx.physics.data import Data
 
 MARGIN = 0.3
 """Metres by which an entity's centre may be outside of a closed arena, or below the floor."""
+DIVERGED = 1e10
+"""Metres, radians, and these per second, beyond which MuJoCo calls a state bad."""
 AGENT_CEILING = 3.0
 """Metres above the floor that an agent's centre may reach."""
 
@@ -18,7 +20,7 @@ AGENT_CEILING = 3.0
 def find_fault(
     data: Data, plan: RoomPlan, position: jax.Array, active: jax.Array, is_agent: np.ndarray, may_leave: bool = False
 ) -> jax.Array:
-    """Whether a world's physics went wrong: a number that is not finite, or an entity in play that is astray.
+    """Whether a world's physics went wrong: a number that diverged or is none, or an entity in play that is astray.
 
     Args:
         data: the state after a step.
@@ -26,12 +28,13 @@ def find_fault(
         position: (n, 3) metres, of all entities.
         active: (n,) bool, which entities are in play.
         is_agent: (n,) bool, which entities are agents.
-        may_leave: whether entities may be astray, so that only numbers that are not finite are a fault.
+        may_leave: whether entities may be astray, so that only numbers that diverged are a fault.
 
     Returns:
         () bool, true for a fault.
     """
-    finite = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
+    # NaN is not smaller either.
+    finite = (jnp.abs(data.qpos) < DIVERGED).all() & (jnp.abs(data.qvel) < DIVERGED).all()
     if may_leave:
         return ~finite
     return ~finite | (astray(plan, position, is_agent) & active).any()

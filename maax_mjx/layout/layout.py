@@ -30,7 +30,7 @@ class Layout(struct.PyTreeNode):
         offset: (2,) metres from the corner of its footprint to the centre of the object that is being placed.
         unplaced: by an object's name, or "walls", () bool: whether it was wanted and found no place.
         valid: () bool, whether every wanted object found a place.
-        attempt: () int32, which redraw this is. Places depend on it, counts do not.
+        attempt: () int32, which redraw this is. Places depend on it; counts do with `tries` alone.
         tries: how many places are tried for an object before it finds none; None finds one wherever one is free.
     """
 

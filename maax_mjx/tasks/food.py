@@ -11,7 +11,12 @@ import jax.numpy as jnp
 
 from maax_mjx.common.annotated import NonNegativeRange, OneOf, Positive, PositiveCount
 from maax_mjx.core.env import Environment
-from maax_mjx.layout import Layout, published_middle_placement, published_proximity_placement, quad_placement
+from maax_mjx.layout import (
+    Layout,
+    published_middle_placement,
+    published_proximity_placement,
+    published_quad_placement,
+)
 from maax_mjx.modules import Food
 from maax_mjx.tasks.config import Config
 from maax_mjx.tasks.standard import Placement, placement_of
@@ -88,7 +93,7 @@ def food_of(config: FoodConfig, cell: float) -> Food:
 def _first_piece(layout: Layout, cells: jax.Array) -> jax.Array:
     """Allows places in the quadrant, or around the middle of a floor without one, as published."""
     middle = published_middle_placement(MIDDLE)(layout, cells)
-    return jnp.where(layout.plan.quadrant[2] > 0, quad_placement(layout, cells), middle)
+    return jnp.where(layout.plan.quadrant[2] > 0, published_quad_placement(layout, cells), middle)
 
 
 def with_food(env: Environment, config: FoodConfig) -> Environment:

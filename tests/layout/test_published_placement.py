@@ -71,7 +71,7 @@ def test_team_mates_are_around_the_first_of_them():
 def test_as_often_as_one_of_the_tries_is_free_there_is_a_place(tries):
     """On a floor that is taken but for a share; the place is any of the free ones, as likely as it weighs."""
     layout = Layout.empty(G, FLOOR, tries=tries)
-    layout = layout.replace(grid=layout.grid.mark(jnp.array([0, 0]), jnp.array([G, 27])))
+    layout = layout.replace(grid=layout.grid.mark(jnp.array([0, 0]), jnp.array([27, G])))
     weights = jnp.arange(1.0, G + 1)[:, None] * jnp.ones(G)
 
     @jax.jit
@@ -81,15 +81,15 @@ def test_as_often_as_one_of_the_tries_is_free_there_is_a_place(tries):
         return centre, there, after.valid, after.grid.occupancy().sum()
 
     centre, there, valid, marks = jax.device_get(placed(layout.seeds(seeds.key(0), 4 * N)))
-    share = 1.0 if tries is None else 1 - 0.9**tries
+    weighs = np.arange(28, G + 1) / (G * (G + 1) / 2)
+    share = 1.0 if tries is None else 1 - (1 - weighs.sum()) ** tries
     assert stats.binomtest(int(there.sum()), len(there), share).pvalue > P_MIN
     np.testing.assert_array_equal(valid, there)
     np.testing.assert_array_equal(marks, G * 27 + there)
     x, y = np.floor(centre[there] / CELL).astype(int).T
-    assert y.min() == 27
-    expected = np.arange(1, G + 1) / (G * (G + 1) / 2) * len(x)
-    assert stats.chisquare(np.bincount(x, minlength=G), expected).pvalue > P_MIN
-    assert stats.chisquare(np.bincount(y - 27, minlength=3)).pvalue > P_MIN
+    assert x.min() == 27
+    assert stats.chisquare(np.bincount(x - 27, minlength=3), weighs / weighs.sum() * len(x)).pvalue > P_MIN
+    assert stats.chisquare(np.bincount(y, minlength=G)).pvalue > P_MIN
 
 
 def crowded(rng, tries):
