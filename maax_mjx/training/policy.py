@@ -267,24 +267,23 @@ def check_policy(policy: Any, argument: str = "policy") -> Policy:
     Raises:
         ValueError: something else.
     """
-    if isinstance(policy, OpenAIPolicy):
+    policy = check_trained(policy, argument)
+    if not isinstance(policy, Policy):
         raise ValueError(
             f"{argument}: got {policy!r}, which plays and does not learn on; takes a training.Policy, such as "
             "Policy.load(path)"
         )
-    if not isinstance(policy, Policy):
-        raise ValueError(f"{argument}: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
     return policy
 
 
-def check_trained(policy: Any) -> TrainedPolicy:
+def check_trained(policy: Any, argument: str = "policy") -> TrainedPolicy:
     """Refuses what is no trained policy.
 
     Raises:
         ValueError: something else.
     """
     if not isinstance(policy, TrainedPolicy):
-        raise ValueError(f"policy: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
+        raise ValueError(f"{argument}: got {described(policy)}; takes a training.Policy, such as Policy.load(path)")
     return policy
 
 

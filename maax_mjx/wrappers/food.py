@@ -83,7 +83,7 @@ class EatFood(Wrapper):
         observe_scale: bool = False,
     ):
         super().__init__(env)
-        found = [m for m in self.base.modules.values() if isinstance(m, Food) and m.n_max]
+        found = [m for m in self.base.sites.values() if isinstance(m, Food)]
         if not found:
             raise ValueError(f"env: got {env!r}, without a piece of Food; EatFood takes one with something to eat")
         check_new_action(env, EAT)
