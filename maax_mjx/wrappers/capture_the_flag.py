@@ -54,7 +54,8 @@ class CaptureTheFlag(Wrapper):
     Agents that are out move freely, but neither tag nor take. A team that has scored `wins_at` times ends the episode.
 
     Adds the observations `flag_pos` (2, 3), where the flags are now, in metres; `flag_base` (2, 3); `carries` and
-    `is_out` (n_agents, 1); `score` (2, 1); and the metrics `score_<team>` of both, such as `score_reds`.
+    `is_out` (n_agents, 1); `score` (2, 1); `flag_is_own` and `score_is_own` (n_agents, 2, 1), which of the two are those
+    of an agent's team; and the metrics `score_<team>` of both, such as `score_reds`.
 
     Args:
         env: environment to wrap, with `Flags`, one in each half, and teams 0 and 1.
@@ -81,6 +82,7 @@ class CaptureTheFlag(Wrapper):
         if teams.n_teams != 2:
             raise ValueError(f"CaptureTheFlag: got {teams.n_teams} teams; takes 2")
         self._team = teams.team_index
+        self._own = (self._team[:, None] == jnp.arange(2)).astype(jnp.float32)[..., None]
 
     def begin(self, key: jax.Array, params: DomainParams) -> State:
         nobody = jnp.zeros(self.base.n_agents, bool)
@@ -140,6 +142,8 @@ class CaptureTheFlag(Wrapper):
             "carries": carries[:, None].astype(jnp.float32),
             "is_out": game.out[:, None].astype(jnp.float32),
             "score": game.score[:, None].astype(jnp.float32),
+            "flag_is_own": self._own,
+            "score_is_own": self._own,
         }
         scores = {f"score_{team}": game.score[i] for i, team in enumerate(self.teams)}
         return state.replace(obs=state.obs | obs, metrics=state.metrics | scores)
@@ -151,4 +155,6 @@ class CaptureTheFlag(Wrapper):
             "carries": Observed((AGENT,), flag("carries"), private=False),
             "is_out": Observed((AGENT,), flag("is out"), private=False),
             "score": Observed(("team",), (Column("score"),)),
+            "flag_is_own": Observed((AGENT, Flags.kind), flag("is own")),
+            "score_is_own": Observed((AGENT, "team"), flag("is own")),
         }

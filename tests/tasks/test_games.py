@@ -623,7 +623,7 @@ def split_oracle(name, obs):
     n = len(obs["agent_mask"])
     own = ["agent_qpos_qvel", "agent_team", "agent_mask"]
     own += {"tag": ["is_it"], "capture_the_flag": ["carries", "is_out"]}.get(name, [])
-    per_agent = ("prep_remaining", "team_size", "lidar", "sees_box", "sees_ramp")
+    per_agent = ("prep_remaining", "team_size", "lidar", "sees_box", "sees_ramp", "flag_is_own", "score_is_own")
     agents = []
     for i in range(n):
         others = [(i - j) % n for j in range(1, n)]

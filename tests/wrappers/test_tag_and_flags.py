@@ -252,6 +252,9 @@ class CaptureOracle:
         equal(obs["carries"], [[float(i in self.carrier)] for i in range(N)])
         equal(obs["is_out"], np.float32(self.out)[:, None])
         equal(obs["score"], np.float32(self.score)[:, None])
+        for i in range(N):
+            for name in ("flag_is_own", "score_is_own"):
+                equal(obs[name][i], [[float(TEAM[i] == 0)], [float(TEAM[i] == 1)]])
         scores = [value for name, value in metrics.items() if name.startswith("score_")]
         assert scores == self.score
 
