@@ -14,6 +14,7 @@ BENCHMARKS = (
     "learners",
     "learning",
     "load",
+    "matches",
     "memory",
     "objects",
     "outer",

@@ -26,6 +26,8 @@ from maax_mjx.training.trained import TrainedPolicy
 
 SELF = "self"
 """Name of the policy where it is its own opponent, and in ratings."""
+SHOWN = ("caught", "tags")
+"""Metrics that tables show, and those that begin with "score_"."""
 
 
 class Estimate(NamedTuple):
@@ -52,7 +54,8 @@ class Match:
         opponent: the opponent's name.
         episodes: number of episodes.
         score: return of an agent of the team.
-        won: share of the episodes in which the team had a higher return than the others, ties as half.
+        won: share of the episodes in which the team had a higher return than the others, ties as half; in a game of
+            one team that all of its agents play together, a higher one than the opponent has in the same worlds.
         metrics: the game's numbers at the end of the episodes.
     """
 
@@ -89,7 +92,8 @@ class Evaluation(NamedTuple):
         raise ValueError(f"of: got {team!r} against {opponent!r}; takes {[(m.team, m.opponent) for m in self.matches]}")
 
     def __str__(self) -> str:
-        shown = [name for name in ("caught",) if any(name in match.metrics for match in self.matches)]
+        names = {name: None for match in self.matches for name in match.metrics}
+        shown = [name for name in names if name in SHOWN or name.startswith("score_")]
         head = ["team", "against", "episodes", "return", "won", *shown]
         rows = [
             [m.team, m.opponent, f"{m.episodes:,}", str(m.score), str(m.won), *(str(m.metrics[name]) for name in shown)]
@@ -146,11 +150,13 @@ def evaluate(
 ) -> Evaluation:
     """Plays a policy as each team against each opponent, in worlds that begin as usual.
 
+    Where all play against all, as in tag, the policy plays every second agent. In other games of one team it plays them
+    all, and the opponent plays the same worlds without it.
+
     Args:
         policy: the policy, or the name of a scripted one.
-        against: opponents: "self", scripted ones ("random", "still", "chase", "close_door"), policies, files of them,
-            names of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many
-            steps.
+        against: opponents: "self", scripted ones by their names in `training.SCRIPTED`, policies, files of them, names
+            of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
         episodes: episodes of every match, each in a world of its own.
         env: the game; None makes that of the policy.
         teams: the policy's teams; None is every team.
@@ -245,16 +251,40 @@ def seated(player: TrainedPolicy | Scripted, env: Environment) -> Seated:
     return Seated(fitting.play, fitting.params, fitting.memory)
 
 
-def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str, seed: int) -> Match:
-    """Plays the first episode of every world."""
+def seats(env: Environment, team: str) -> np.ndarray:
+    """Returns which agents a policy plays as a team, (n_agents,) bool.
+
+    They are those of the team; where all play against all, as in tag, every second one.
+    """
+    slots = env.teams[team].slots
+    alone = len(env.teams) == 1 and any(layer.everyone_for_itself for layer in env.layers)
+    return np.isin(np.arange(env.n_agents), slots[::2] if alone else slots)
+
+
+class _Played(NamedTuple):
+    """The first episodes of all worlds: (n_worlds, ...) each.
+
+    Attributes:
+        whole: (n_worlds,) bool, episodes that ended and were not cut off by the physics.
+        returns: (n_worlds, n_agents).
+        active: (n_worlds, n_agents) bool.
+        metrics: at the end.
+    """
+
+    whole: np.ndarray
+    returns: np.ndarray
+    active: np.ndarray
+    metrics: dict[str, np.ndarray]
+
+
+def _play(worlds: Worlds, mine: Seated, other: Seated, slots: np.ndarray, seed: int) -> _Played:
+    """Plays the first episode of every world, `mine` the agents of `slots` (n_agents,) bool."""
     env, n = worlds.env, worlds.n_worlds
-    slots = np.isin(np.arange(env.n_agents), env.teams[team].slots)
-    play = Versus(mine.play, other.play)
     world_key, play_key = jax.random.split(jax.random.key(seed))
     keep = ("terminated", "truncated", "active", "episode_return", "metrics")
     _, kept = worlds.rollout(
         worlds.reset(world_key),
-        play,
+        Versus(mine.play, other.play),
         env.base.horizon,
         (mine.params, other.params, slots),
         key=play_key,
@@ -264,22 +294,31 @@ def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str
     kept.pop("memory")
     host = {name: jax.tree.map(np.asarray, x) for name, x in kept.items()}
     ended = host["terminated"] | host["truncated"]
-    fault = host["metrics"]["physics_fault"]
-    first, index = ended.argmax(axis=0), np.arange(n)
+    at = ended.argmax(axis=0), np.arange(n)
     # An episode that the physics cut off says nothing about the policies.
-    whole = ended.any(axis=0) & ~fault[first, index]
-    at = first[whole], index[whole]
-    returns, active = host["episode_return"][at], host["active"][at]
-    ours, theirs = _mean(returns, active & slots), _mean(returns, active & ~slots)
-    metrics = {name: x[at].reshape(len(at[0]), -1).mean(axis=1) for name, x in host["metrics"].items()}
+    whole = ended.any(axis=0) & ~host["metrics"]["physics_fault"][at]
+    metrics = {name: x[at].reshape(n, -1).mean(axis=1) for name, x in host["metrics"].items()}
+    return _Played(whole, host["episode_return"][at], host["active"][at], metrics)
+
+
+def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str, seed: int) -> Match:
+    """Plays the first episode of every world; where nobody is left for the opponent, it plays them all again."""
+    slots = seats(worlds.env, team)
+    played = _play(worlds, mine, other, slots, seed)
+    ours, whole = _mean(played.returns, played.active & slots), played.whole
+    if slots.all():
+        again = _play(worlds, other, other, slots, seed)
+        theirs, whole = _mean(again.returns, again.active), whole & again.whole
+    else:
+        theirs = _mean(played.returns, played.active & ~slots)
     won = np.where(ours > theirs, 1.0, np.where(ours == theirs, 0.5, 0.0))
     return Match(
         team=team,
         opponent=opponent,
-        episodes=len(ours),
-        score=estimate(ours),
-        won=estimate(won),
-        metrics={name: estimate(x) for name, x in metrics.items()},
+        episodes=int(whole.sum()),
+        score=estimate(ours[whole]),
+        won=estimate(won[whole]),
+        metrics={name: estimate(x[whole]) for name, x in played.metrics.items()},
     )
 
 

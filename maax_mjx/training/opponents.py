@@ -11,8 +11,8 @@ import jax.numpy as jnp
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks import scripted, walking
-from maax_mjx.wrappers import GrabObjects, LockObjects, LockTask
+from maax_mjx.tasks import scripted, scripted_players, walking
+from maax_mjx.wrappers import CaptureTheFlag, GrabObjects, LockObjects, LockTask, Tag
 from maax_mjx.wrappers.wrapper import find
 
 Script = Callable[[Environment, State, jax.Array], Any]
@@ -85,8 +85,26 @@ def _lock_and_return(env: Environment, state: State, key: jax.Array) -> Any:
     return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
 
+def _tag(env: Environment, state: State, key: jax.Array) -> Any:
+    """Who is it chases, the others flee."""
+    return scripted.to_action(env, scripted_players.tag(state, env))
+
+
+def _capture_the_flag(env: Environment, state: State, key: jax.Array) -> Any:
+    """Every second agent guards its team's flag, the others fetch the other one."""
+    return scripted.to_action(env, scripted_players.capture_the_flag(state, env))
+
+
 def _has_lock_task(env: Environment) -> None:
     walking.task_of(env, LockTask, "lock_and_return")
+
+
+def _has_tag(env: Environment) -> None:
+    walking.task_of(env, Tag, "tag")
+
+
+def _has_flags(env: Environment) -> None:
+    walking.task_of(env, CaptureTheFlag, "capture_the_flag")
 
 
 def _can_close_doors(env: Environment) -> None:
@@ -101,6 +119,8 @@ SCRIPTED: dict[str, Scripted] = {
     "still": Scripted("still", _still),
     "chase": Scripted("chase", _chase),
     "lock_and_return": Scripted("lock_and_return", _lock_and_return, _has_lock_task),
+    "tag": Scripted("tag", _tag, _has_tag),
+    "capture_the_flag": Scripted("capture_the_flag", _capture_the_flag, _has_flags),
     "close_door": Scripted("close_door", _close_door, _can_close_doors),
 }
 """Scripted players by name."""

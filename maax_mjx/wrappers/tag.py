@@ -55,6 +55,7 @@ class Tag(Wrapper):
     name = "tag"
     requires = (AgentAgentContactMask2D,)
     precedes = (PreparationPhase, RestrictAgentsRect)
+    everyone_for_itself = True
 
     def __init__(self, env: Environment, immunity: int = 50, scale: float = 1.0):
         super().__init__(env)

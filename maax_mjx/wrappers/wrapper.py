@@ -44,6 +44,8 @@ class Wrapper(Environment):
     """Wrappers that must be outside this one, if present."""
     follows: ClassVar[tuple[type[Wrapper], ...]] = ()
     """Wrappers that must be inside this one, if present: `precedes`, from the other side."""
+    everyone_for_itself: ClassVar[bool] = False
+    """Whether the agents of one team play against each other, which `training.evaluate` needs to know."""
 
     def __init__(self, env: Environment):
         self.env = check_environment(env)
