@@ -77,18 +77,16 @@ def next_step(
     return jnp.where(straight, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here, straight
 
 
-def walk(
-    state: State, env: Environment, agent: int | jax.Array, goal: jax.Array, things: Footprints | None = None
-) -> jax.Array:
+def walk(state: State, env: Environment, agent: int, goal: jax.Array, things: Footprints | None = None) -> jax.Array:
     """Returns forces (3,) of an agent that walks to a goal (2,), around walls and things, and looks where it goes."""
-    here = state.data.qpos[jnp.asarray(env.base.agents.qpos_ids)[agent, :2]]
+    here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
     to, near = next_step(state.world.plan, here, goal, things)
     away = jnp.linalg.norm(to)
     push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(PUSH, SLOWER * away), PUSH)
     return jnp.append(push, jnp.where(away < 0.1, 0.0, face(state, env, agent, to)))
 
 
-def face(state: State, env: Environment, agent: int | jax.Array, to: jax.Array) -> jax.Array:
+def face(state: State, env: Environment, agent: int, to: jax.Array) -> jax.Array:
     """Returns the torque () of an agent that turns to look in a direction (2,)."""
     off = jnp.arctan2(to[1], to[0]) - env.base.agents.headings(state.data)[agent]
     return jnp.clip(TURN * jnp.arctan2(jnp.sin(off), jnp.cos(off)), -1, 1)

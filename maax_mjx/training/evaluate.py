@@ -307,7 +307,7 @@ def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str
     played = _play(worlds, mine, other, slots, seed)
     ours, whole = _mean(played.returns, played.active & slots), played.whole
     if slots.all():
-        again = _play(worlds, other, other, slots, seed)
+        again = _play(worlds, mine, other, ~slots, seed)
         theirs, whole = _mean(again.returns, again.active), whole & again.whole
     else:
         theirs = _mean(played.returns, played.active & ~slots)

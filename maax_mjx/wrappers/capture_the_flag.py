@@ -54,8 +54,8 @@ class CaptureTheFlag(Wrapper):
     Agents that are out move freely, but neither tag nor take. A team that has scored `wins_at` times ends the episode.
 
     Adds the observations `flag_pos` (2, 3), where the flags are now, in metres; `flag_base` (2, 3); `carries` and
-    `is_out` (n_agents, 1); `score` (2, 1); `flag_is_own` and `score_is_own` (n_agents, 2, 1), which of the two are those
-    of an agent's team; and the metrics `score_<team>` of both, such as `score_reds`.
+    `is_out` (n_agents, 1); `score` (2, 1); `flag_is_own` and `score_is_own` (n_agents, 2, 1), which of the two belong
+    to an agent's team; and the metrics `score_<team>` of both, such as `score_reds`.
 
     Args:
         env: environment to wrap, with `Flags`, one in each half, and teams 0 and 1.

@@ -18,7 +18,7 @@ BYTES = 2_000_000
 
 def test_all_are_small_and_load():
     names = training.policies()
-    assert {"quadrant/chase", "quadrant/forts", "quadrant/ramps"} <= set(names)
+    assert {"quadrant/chase", "quadrant/forts", "quadrant/ramps", "tag/trained", "hide_and_seek/per_team"} <= set(names)
     for name in names:
         assert (FOLDER / f"{name}.policy").stat().st_size < BYTES
         policy = training.Policy.load(name)
@@ -61,7 +61,7 @@ def test_what_is_there_comes_before_a_name(tmp_path, monkeypatch):
 def test_unknown_names_are_refused_with_the_known_ones(name):
     with pytest.raises(
         ValueError,
-        match=r"which is not there; takes .* one of \['quadrant/chase', 'quadrant/forts', 'quadrant/ramps'\]",
+        match=r"which is not there; takes .* one of \['capture_the_flag/near', .*'quadrant/forts', .*'tag/trained'\]",
     ):
         training.Policy.load(name)
     with pytest.raises(ValueError, match="against: got"):
@@ -79,3 +79,18 @@ def test_they_do_what_their_names_say():
     }
     assert seen["chase"] > 0.75
     assert seen["forts"] < 0.3
+
+
+@pytest.mark.slow
+def test_players_of_tag_beat_random_ones():
+    env = training.Policy.load("tag/trained").make_env(impl="c")
+    (match,) = training.evaluate("tag/trained", ["random"], 24, env).matches
+    assert match.won.mean > 0.75
+
+
+@pytest.mark.slow
+def test_hiders_and_seekers_beat_scripted_ones():
+    """Whichever team they play."""
+    env = training.Policy.load("hide_and_seek/per_team").make_env(impl="c")
+    for match in training.evaluate("hide_and_seek/per_team", ["chase"], 24, env).matches:
+        assert match.won.mean > 0.85
