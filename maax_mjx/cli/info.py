@@ -21,6 +21,7 @@ from maax_mjx.common.runtime import cores
 from maax_mjx.core.describe import Description, Row
 from maax_mjx.parallel.recording import read
 from maax_mjx.physics import best_impl, check_impl, impls
+from maax_mjx.tasks.published import as_published
 from maax_mjx.viewer.gl import backends
 
 PACKAGES = (
@@ -124,7 +125,7 @@ def of_env(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
     env = maax.make(name, config)
     return {
         "env": name,
-        "fields": _fields(config),
+        "fields": _fields(as_published(config)),
         "teams": {team.name: ", ".join(team.agents) for team in env.teams.values()},
         "action space": _space(env.action_space),
         "observation space": _space(env.observation_space),

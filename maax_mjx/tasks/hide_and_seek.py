@@ -142,7 +142,7 @@ class QuadrantConfig(HideAndSeekConfig):
     arrays about others.
 
     Attributes:
-        published: whether details are as in the published code; see docs/games.md.
+        published: whether details are as in the published code, where their fields are not set; see docs/games.md.
     """
 
     published: bool = False
@@ -216,8 +216,7 @@ def hide_and_seek(config: HideAndSeekConfig) -> Environment:
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
-    if isinstance(config, QuadrantConfig) and config.published:
-        config = as_published(config)
+    config = as_published(config)
     base = world(config, config.sides)
     if config.food is not None:
         if config.cone is None:

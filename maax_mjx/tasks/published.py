@@ -32,18 +32,28 @@ PLACEMENTS = {name: f"published_{name}" for name in ("uniform", "quad", "outside
 
 
 def as_published(config: C) -> C:
-    """Returns a config of a published game with everything that has a published form in that form.
+    """Returns a config with `published=True` spelled out: what has a published form is in it. Others stay as they are.
 
     Args:
-        config: the config; parts of it that are None stay so, and so do placements that the published code does not
-            have.
+        config: of a game. Fields that are set otherwise than by default stay, and so do parts that are None and
+            placements that the published code does not have.
     """
+    if not getattr(config, "published", False):
+        return config
+    default = type(config)()
     parts = {
-        name: replace(getattr(config, name), **changed) for name, changed in PARTS.items() if getattr(config, name)
+        name: _where_default(getattr(config, name), getattr(default, name), changed)
+        for name, changed in PARTS.items()
+        if getattr(config, name)
     }
     placements = {}
     for f in fields(config):
         value = getattr(config, f.name)
         if f.name.endswith("_placement") and isinstance(value, str):
             placements[f.name] = PLACEMENTS.get(value, value)
-    return replace(config, **WORLD, **parts, **placements)
+    return replace(_where_default(config, default, WORLD), **parts, **placements)
+
+
+def _where_default(config: C, default: C, changed: dict[str, Any]) -> C:
+    """Returns a config with those fields changed that are as by default."""
+    return replace(config, **{k: x for k, x in changed.items() if getattr(config, k) == getattr(default, k)})

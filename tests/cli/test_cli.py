@@ -261,6 +261,9 @@ def test_info(capsys):
     # Parts of a flat vector are indented.
     whole = {row["name"] for row in told["observations"] if not row["name"].startswith(" ")}
     assert whole == set(told["observation space"])
+    main(["info", "hide_and_seek_full", "--env.published", "True", "--env.placement_tries", "3", "--json"])
+    fields = json.loads(capsys.readouterr().out)["fields"]
+    assert (fields["arms"], fields["lock.soft"], fields["placement_tries"]) == (True, True, 3)
     main(["info", "tag", "--env.observations", "split"])
     printed = capsys.readouterr().out
     assert "Four players in a room" in printed

@@ -210,6 +210,17 @@ def test_published_is_all_the_fields_by_hand(game):
     assert not FIELDS.items() & DEFAULTS.items()
 
 
+def test_what_is_given_stays_as_it_is_given():
+    config = as_published(
+        maax.config_of("hide_and_seek_full", published=True, arms=False, placement_tries=3, ramp_placement="centre",
+                       **{"world_params.iterations": 7, "grab": None})
+    )  # fmt: skip
+    assert (config.placement_tries, config.world_params.iterations) == (3, 7)
+    assert config.lock.soft
+    assert config.grab is None
+    assert config.ramp_placement == "centre"
+
+
 @pytest.mark.parametrize("game", GAMES)
 def test_the_model_is_the_published_one(game):
     """Welds and joint ranges with MuJoCo's softness, arms that collide, 100 iterations."""
