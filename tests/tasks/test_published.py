@@ -212,7 +212,7 @@ def test_published_is_all_the_fields_by_hand(game):
 
 def test_what_is_given_stays_as_it_is_given():
     config = as_published(
-        maax.config_of("hide_and_seek_full", published=True, arms=False, placement_tries=3, ramp_placement="centre",
+        maax.config_of("hide_and_seek_full", published=True, placement_tries=3, ramp_placement="centre",
                        **{"world_params.iterations": 7, "grab": None})
     )  # fmt: skip
     assert (config.placement_tries, config.world_params.iterations) == (3, 7)
