@@ -56,6 +56,8 @@ class Train:
     """Seed of the worlds, the networks and all draws."""
     begin_from: Annotated[Path | None, tyro.conf.arg(name="from")] = None
     """A policy that a new run begins with, also of another game with the same columns."""
+    transfer: bool = False
+    """Whether that policy may be of a game with other observations and actions: what both have is taken over."""
     devices: str = "all"
     """How many devices, or all."""
     save_minutes: Positive | None = None
@@ -97,6 +99,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
                 begin_from=None if args.begin_from is None else check_policy(load_any(args.begin_from), "begin_from"),
                 env=fields,
                 keep_faults=args.keep_faults,
+                transfer=args.transfer,
                 **{name: value_of(text) for name, text in args.settings.items()},
                 **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
             )

@@ -16,6 +16,7 @@ from maax_mjx.training.config import TrainConfig
 from maax_mjx.training.folder import Folder
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
+from maax_mjx.training.transfer import transferred
 
 
 def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
@@ -28,8 +29,14 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     return make(game, **({name: value for name, value in config.env.items() if name in known} | dict(env or {})))
 
 
-def taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
+def taken_over(policy: Any, network: Network, key: jax.Array, *, transfer: bool = False) -> Weights:
     """Returns the weights of a policy for another run; a critic that it lacks is drawn.
+
+    Args:
+        policy: the policy.
+        network: the run's networks.
+        key: for what is drawn.
+        transfer: whether the game may have other observations and actions, see `transferred`.
 
     Raises:
         ValueError: a policy of other networks.
@@ -38,8 +45,12 @@ def taken_over(policy: Any, network: Network, key: jax.Array) -> Weights:
     # In which type the layers compute is no part of what was learnt.
     if replace(mine.net, compute=network.net.compute) != network.net:
         raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")
-    check_fits(mine, network)
     drawn = network.draw(key)
+    if transfer:
+        if mine.net.encoder == "flat":
+            raise ValueError("transfer: got True with net.encoder=flat, which knows no entities; takes pool or attend")
+        return jax.tree.map(jnp.array, transferred(policy.params, mine, network, drawn))
+    check_fits(mine, network)
     same = jax.tree.map(jnp.shape, policy.params.critic) == jax.tree.map(jnp.shape, drawn.critic)
     critic = policy.params.critic if same else drawn.critic
     # In memory of their own, since they are donated.

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.annotated import Positive, check_value
-from maax_mjx.common.checks import LONG, check_count
+from maax_mjx.common.checks import LONG, check_bool, check_count
 from maax_mjx.common.conditions import conditions
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
@@ -78,6 +78,7 @@ class Trainer:
         begin_from: Policy | None = None,
         env: Mapping[str, Any] | None = None,
         keep_faults: str | Path | None = None,
+        transfer: bool = False,
         **overrides: Any,
     ):
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
@@ -91,7 +92,13 @@ class Trainer:
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self._since = time.perf_counter()
         self.league = League(self.config.league.keep)
-        weights = self.network.draw(draw) if begin_from is None else taken_over(begin_from, self.network, draw)
+        if check_bool("transfer", transfer) and begin_from is None:
+            raise ValueError("transfer: got True without begin_from; takes a policy to begin with as well")
+        weights = (
+            self.network.draw(draw)
+            if begin_from is None
+            else taken_over(begin_from, self.network, draw, transfer=transfer)
+        )
         self.learner = new_learner(weights, self.config)
         self.states: Any = None
         self.memory: Any = None
@@ -109,7 +116,9 @@ class Trainer:
             check_same(self.folder, about)
             self._restore()
         else:
-            begun_from = {"game": begin_from.game, "steps": begin_from.steps} if begin_from else None
+            begun_from = (
+                {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
+            )
             self.folder.describe(about | {"begun_from": begun_from})
             self._keep_past()
         if self.states is None:

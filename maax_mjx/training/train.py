@@ -28,6 +28,7 @@ def train(
     env: Mapping[str, Any] | None = None,
     keep_faults: str | Path | None = None,
     bar: bool = True,
+    transfer: bool = False,
     **overrides: Any,
 ) -> Run:
     """Trains policies for all teams of a game, against each other.
@@ -52,6 +53,9 @@ def train(
         env: fields of the game's config to change; only with a name.
         keep_faults: folder for the last moments of worlds that go astray, see `Worlds`.
         bar: whether stderr shows the progress.
+        transfer: whether `begin_from` may be of a game with other observations and actions: what both games have is
+            taken over by its name, and the last layers and the norms before them are drawn anew, as where Baker et al.
+            fine-tune.
         **overrides: settings by dotted name, such as "ppo.lr".
 
     Returns:
@@ -63,9 +67,9 @@ def train(
         FloatingPointError: ten updates in a row that were not finite; the last good save stays.
         MemoryError: more worlds than fit.
     """
+    given = (game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer)
     if not check_bool("bar", bar):
-        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, **overrides)
-        return trainer.run(minutes, steps, on_iteration)
+        return Trainer(*given, **overrides).run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:
-        trainer = Trainer(game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, **overrides)
+        trainer = Trainer(*given, **overrides)
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))
