@@ -62,12 +62,7 @@ class BlueprintReward(Wrapper):
         radius: float = 0.1,
     ):
         super().__init__(env)
-        boxes = [m for m in self.base.modules.values() if isinstance(m, Boxes) and m.n_max]
-        sites = [m for m in self.base.sites.values() if isinstance(m, ConstructionSites)]
-        if not boxes or not sites:
-            missing = "ConstructionSites" if boxes else "Boxes"
-            raise ValueError(f"env: got {env!r}, without {missing}; BlueprintReward takes one with boxes and sites")
-        self.boxes, self.sites = boxes[0], sites[0]
+        self.boxes, self.sites = self.module_of(Boxes), self.module_of(ConstructionSites)
         self.scale = float(check_value("scale", scale, NonNegative))
         self.steepness = float(check_value("steepness", steepness, Steepness))
         self.completed = float(check_value("completed", completed, NonNegative))

@@ -83,11 +83,8 @@ class EatFood(Wrapper):
         observe_scale: bool = False,
     ):
         super().__init__(env)
-        found = [m for m in self.base.sites.values() if isinstance(m, Food)]
-        if not found:
-            raise ValueError(f"env: got {env!r}, without a piece of Food; EatFood takes one with something to eat")
+        self.food = self.module_of(Food)
         check_new_action(env, EAT)
-        self.food = found[0]
         self.radius = float(check_value("radius", radius, Positive))
         self.max_health = int(check_value("max_health", max_health, PositiveCount))
         never = respawn_steps is None

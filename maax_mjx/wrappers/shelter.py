@@ -37,10 +37,7 @@ class ShelterReward(RewardWrapper):
 
     def __init__(self, env: Environment, rays_per_side: int = 25, scale: float = 0.001):
         super().__init__(env)
-        found = [m for m in self.base.modules.values() if isinstance(m, StaticCylinders) and m.n_max]
-        if not found:
-            raise ValueError(f"env: got {env!r}, without StaticCylinders; ShelterReward takes one with what to shelter")
-        self._cylinders = found[0]
+        self._cylinders = self.module_of(StaticCylinders)
         self.rays_per_side = int(check_value("rays_per_side", rays_per_side, PositiveCount))
         self.scale = float(check_value("scale", scale, NonNegative))
         self.starts = _starts(self.rays_per_side, self.base.floor_size, self.base.grid_size)

@@ -16,8 +16,10 @@ from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Base, Environment, check_environment
 from maax_mjx.core.state import State, check_returned
 from maax_mjx.core.teams import Team
+from maax_mjx.modules import Placed
 
 W = TypeVar("W", bound="Wrapper")
+P = TypeVar("P", bound=Placed)
 
 
 class Wrapper(Environment):
@@ -111,6 +113,18 @@ class Wrapper(Environment):
         if found is None:
             mine, other = type(self).__name__, kind.__name__
             raise ValueError(f"{mine}: needs {other}; wrap with it first: {mine}({other}(env, ...))")
+        return found
+
+    def module_of(self, kind: type[P]) -> P:
+        """Returns the environment's first module of a kind that has any things.
+
+        Raises:
+            ValueError: no such module.
+        """
+        found = next((m for m in self.base.modules.values() if isinstance(m, kind) and m.n_max), None)
+        if found is None:
+            mine, one = type(self).__name__, kind.__name__
+            raise ValueError(f"env: got {self.env!r}, without {one}; {mine} takes one with {one}")
         return found
 
     def remember(self, state: State, memory: Any) -> State:

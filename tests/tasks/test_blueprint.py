@@ -115,7 +115,7 @@ def test_a_scripted_agent_builds():
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(ValueError, match="without ConstructionSites; BlueprintReward takes one with boxes and sites"):
+    with pytest.raises(ValueError, match="without ConstructionSites; BlueprintReward takes one with Con"):
         maax.BlueprintReward(maax.make("standard", impl="c"))
     for field, value in {"n_sites": 0, "site_middle": 0.0, "task.radius": 0.0, "task.steepness": 1.0}.items():
         with pytest.raises(ValueError, match=f"{field}: got {value}"):

@@ -251,7 +251,7 @@ def test_what_is_left():
         "hider_placement": anywhere, "box_placement": "centre", "ramp_placement": "middle",
         "lock": None, "lidar": None, "food": FoodConfig(), "n_boxes": (4, 9), "n_hiders": (1, 3), "grab.radius": 0.4,
     }  # fmt: skip
-    given = maax.config_of(FULL, **own)
+    given = maax.config_of(FULL, published=True, **own)
     config = as_published(given)
     assert config.seeker_placement == "published_team"
     assert config.grab == replace(given.grab, soft=True)

@@ -123,7 +123,7 @@ def test_rays_go_to_every_cylinder_and_to_none_that_is_absent():
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(ValueError, match="without StaticCylinders; ShelterReward takes one with what to shelter"):
+    with pytest.raises(ValueError, match="without StaticCylinders; ShelterReward takes one with StaticCylinders"):
         maax.ShelterReward(maax.make("standard", impl="c"))
     with pytest.raises(ValueError, match="takes 'warp' or 'c' there"):
         maax.make("shelter", impl="jax")

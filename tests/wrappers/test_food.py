@@ -306,7 +306,7 @@ def without_teams():
 
 
 ERRORS = {
-    "no food": (lambda e: maax.EatFood(maax.make("standard", impl="c")), "without a piece of Food; EatFood takes one"),
+    "no food": (lambda e: maax.EatFood(maax.make("standard", impl="c")), "without Food; EatFood takes one with Food"),
     "radius": (lambda e: maax.EatFood(e, radius=0), "radius: got 0; takes a positive number"),
     "health": (lambda e: maax.EatFood(e, max_health=0), "max_health: got 0"),
     "half a unit": (lambda e: maax.EatFood(e, max_health=1.5), "max_health: got 1.5"),
