@@ -14,9 +14,7 @@ from maax_mjx import training
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import OneOf, PositiveCount
-from maax_mjx.training.evaluate import Evaluation, seated
-
-SELF = "self"
+from maax_mjx.training.evaluate import SELF, Evaluation, seated
 
 
 @dataclass
@@ -76,13 +74,15 @@ def cases(config: Config) -> Iterator[Case]:
         env = _policy(name).make_env(impl=config.impl)
         for against in config.against:
             if against != SELF:
+                opponent = training.player_of("against", against)
                 try:
-                    seated(training.player_of("against", against), env)
+                    seated(opponent, env)
                 except ValueError:
                     continue
             yield from (Case(name, against, team) for team in env.teams)
 
 
+@lru_cache(maxsize=8)
 def _policy(name: str) -> training.TrainedPolicy:
     found = training.player_of("policies", name)
     if not isinstance(found, training.TrainedPolicy):

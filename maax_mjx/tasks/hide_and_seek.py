@@ -142,7 +142,7 @@ class QuadrantConfig(HideAndSeekConfig):
     arrays about others.
 
     Attributes:
-        published: whether details are as in the published code, where their fields are not set; see docs/games.md.
+        published: whether details are as in the published code, where their fields are as by default; docs/games.md.
     """
 
     published: bool = False

@@ -81,11 +81,11 @@ def _columns(parts: Sequence[Part]) -> Rows:
     return [(part.name, column) for part in parts for column in part.columns]
 
 
-def _by_row(was: jax.Array, names_were: Rows, names_are: Rows) -> jax.Array:
-    """Returns rows (n, ...) by name, zeros for those that are new."""
+def _by_row(was: jax.Array, names_were: Rows, names_are: Rows, new: float | jax.Array = 0.0) -> jax.Array:
+    """Returns rows (n, ...) by name, filled with a number where they are new."""
     at = {name: i for i, name in enumerate(names_were)}
     found = jnp.asarray([at.get(name, len(names_were)) for name in names_are], jnp.int32)
-    return jnp.concatenate([jnp.asarray(was), jnp.zeros_like(was[:1])])[found]
+    return jnp.concatenate([jnp.asarray(was), jnp.full((1, *was.shape[1:]), new, was.dtype)])[found]
 
 
 def _moments(was: Moments, fresh: Moments, old: Spec, new: Spec) -> Moments:
@@ -99,12 +99,8 @@ def _moments(was: Moments, fresh: Moments, old: Spec, new: Spec) -> Moments:
 
     were, are = names(old), names(new)
 
-    def of(known: Mapping[str, jax.Array], new_value: jax.Array) -> dict[str, jax.Array]:
-        found = {}
-        for name in fresh.mean:
-            row = {column: x for column, x in zip(were.get(name, ()), known.get(name, ()), strict=True)}
-            values = [row.get(column, new_value) for column in are[name]]
-            found[name] = jnp.stack(values) if values else fresh.mean[name]
-        return found
+    def of(known: Mapping[str, jax.Array], value: float | jax.Array) -> dict[str, jax.Array]:
+        none = jnp.zeros(0)
+        return {name: _by_row(known.get(name, none), were.get(name, ()), are[name], value) for name in fresh.mean}
 
-    return Moments(of(was.mean, jnp.zeros(())), of(was.square, jnp.asarray(was.weight)), jnp.asarray(was.weight))
+    return Moments(of(was.mean, 0.0), of(was.square, was.weight), jnp.asarray(was.weight))

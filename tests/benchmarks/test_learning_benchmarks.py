@@ -8,7 +8,7 @@ import pytest
 from helpers import toys
 
 from maax_mjx import training
-from maax_mjx.benchmarks import learning, stages, train_speed
+from maax_mjx.benchmarks import learning, matches, stages, train_speed
 from maax_mjx.training import config
 
 
@@ -82,3 +82,10 @@ def test_policies_of_a_run_are_played_from_the_oldest_to_the_newest(folder):
         ("run", steps, without) for steps in (5_000_000, policy.steps) for without in ("nothing", "no_ramps")
     ]
     assert [case.steps for case in stages.cases(replace(both, past=False, without=("nothing",)))] == [policy.steps]
+
+
+def test_opponents_that_cannot_play_a_game_are_left_out_and_unknown_ones_refused():
+    config = matches.Config(policies=("tag/trained",), against=("tag", "capture_the_flag", "quadrant/forts"), impl="c")
+    assert [(case.against, case.team) for case in matches.cases(config)] == [("tag", "players")]
+    with pytest.raises(ValueError, match="against: got 'tagg'"):
+        list(matches.cases(replace(config, against=("tagg",))))
