@@ -26,6 +26,7 @@ BENCHMARKS = (
     "stages",
     "step",
     "train_speed",
+    "transfer",
     "updates",
 )
 """Names of the modules that run as `maax-mjx bench NAME`; the others are what these share."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -40,7 +40,8 @@ class Config(Options):
     Attributes:
         env: games to time, by name.
         impl: engines.
-        worlds: batch sizes.
+        worlds: batch sizes, of all devices together.
+        devices: how many; with several, the environment alone is left out, which `bench devices` times.
         part: what to time.
         encoder: of the networks.
         core: memory of the networks.
@@ -55,6 +56,7 @@ class Config(Options):
     env: tuple[str, ...] = ("hide_and_seek_quadrant",)
     impl: tuple[str, ...] = ("auto",)
     worlds: tuple[PositiveCount, ...] = (1024,)
+    devices: tuple[PositiveCount, ...] = (1,)
     part: tuple[Annotated[str, OneOf(PARTS)], ...] = PARTS
     encoder: tuple[Annotated[str, OneOf(("flat", "pool", "attend"))], ...] = ("pool",)
     core: tuple[Annotated[str, OneOf(("none", "gru", "lstm"))], ...] = ("lstm",)
@@ -80,6 +82,7 @@ class Case:
     epochs: int
     minibatches: int
     turns: int
+    devices: int = field(default=1, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -106,11 +109,13 @@ class Row(Case, Measured):
 def cases(config: Config) -> Iterator[Case]:
     """Cases, those of one batch after another; what a part does not have is not varied."""
     seen = set()
-    for env, impl, n in product(config.env, config.impl, config.worlds):
+    for env, impl, n, devices in product(config.env, config.impl, config.worlds, config.devices):
         nets = product(config.encoder, config.core, config.compute, config.epochs, config.minibatches)
         for net, part in product(list(nets), config.part):
             encoder, core, compute, epochs, minibatches = net
-            case = Case(env, impl, n, part, encoder, core, compute, epochs, minibatches, config.turns)
+            case = Case(env, impl, n, part, encoder, core, compute, epochs, minibatches, config.turns, devices=devices)
+            if part == "env" and devices > 1:
+                continue
             if part != "train":
                 case = replace(case, epochs=0, minibatches=0)
             if part == "env":
@@ -121,9 +126,9 @@ def cases(config: Config) -> Iterator[Case]:
 
 
 @lru_cache(maxsize=1)
-def worlds_of(env: str, impl: str, n: int, preset: str) -> maax.Worlds:
+def worlds_of(env: str, impl: str, n: int, preset: str, devices: int) -> maax.Worlds:
     """The worlds of a game, with the preset's fields of its config."""
-    return maax.Worlds(training.environment_of(env, training.preset(preset), {"impl": impl}), n)
+    return maax.Worlds(training.environment_of(env, training.preset(preset), {"impl": impl}), n, devices)
 
 
 Turn = Callable[[int, Any], Any]
@@ -132,7 +137,7 @@ Turn = Callable[[int, Any], Any]
 
 def measure(case: Case, config: Config) -> Row:
     """Times turns."""
-    worlds = worlds_of(case.env, case.impl, case.worlds, config.preset)
+    worlds = worlds_of(case.env, case.impl, case.worlds, config.preset, case.devices)
     settings: dict[str, Any] = {"worlds": case.worlds}
     if case.part != "env":
         settings |= {"net.encoder": case.encoder, "net.core": case.core, "net.compute": case.compute}
@@ -219,16 +224,14 @@ def begun(worlds: maax.Worlds, network: Network) -> tuple[Any, Any]:
     return worlds.reset(jax.random.key(0), stagger=True), worlds.shards.put(jax.tree.map(jax.device_get, memory))
 
 
-HEADER = (
-    "env                    impl   worlds   part  encoder core compute  epochs parts       env/s    fastest  compile s"
-)
+HEADER = "env                    impl   worlds on  part  encoder core compute  epochs parts       env/s    fastest  compile"
 
 
 def line(row: Row) -> str:
     """A row of the table."""
     return (
-        f"{row.env:22} {row.impl:5} {row.worlds:7} {row.part:>6}  {row.encoder:7} {row.core:4} {row.compute:8} "
-        f"{row.epochs:6} {row.minibatches:5} {row.env_steps_per_s:11,.0f} {row.fastest:10,.0f} {row.compile_s:7.1f}"
+        f"{row.env:22} {row.impl:5} {row.worlds:7} {row.devices:2} {row.part:>5}  {row.encoder:7} {row.core:4} "
+        f"{row.compute:8} {row.epochs:6} {row.minibatches:5} {row.env_steps_per_s:11,.0f} {row.fastest:10,.0f} {row.compile_s:7.1f}"
     )
 
 
