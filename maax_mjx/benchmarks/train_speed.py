@@ -224,14 +224,17 @@ def begun(worlds: maax.Worlds, network: Network) -> tuple[Any, Any]:
     return worlds.reset(jax.random.key(0), stagger=True), worlds.shards.put(jax.tree.map(jax.device_get, memory))
 
 
-HEADER = "env                    impl   worlds on  part  encoder core compute  epochs parts       env/s    fastest  compile"
+HEADER = (
+    "env                    impl   worlds on  part  encoder core compute  epochs parts      env/s   fastest  compile"
+)
 
 
 def line(row: Row) -> str:
     """A row of the table."""
     return (
-        f"{row.env:22} {row.impl:5} {row.worlds:7} {row.devices:2} {row.part:>5}  {row.encoder:7} {row.core:4} "
-        f"{row.compute:8} {row.epochs:6} {row.minibatches:5} {row.env_steps_per_s:11,.0f} {row.fastest:10,.0f} {row.compile_s:7.1f}"
+        f"{row.env:22} {row.impl:5} {row.worlds:7} {row.devices:2} {row.part:>5} {row.encoder:7} {row.core:4} "
+        f"{row.compute:8} {row.epochs:6} {row.minibatches:5} {row.env_steps_per_s:10,.0f} {row.fastest:9,.0f} "
+        f"{row.compile_s:8.1f}"
     )
 
 

@@ -167,7 +167,7 @@ def returns_of(rows: Sequence[dict[str, Any]]) -> Points:
     return [(row["steps"], row[RETURN], row["episodes"]) for row in rows if row["episodes"] and row[RETURN] is not None]
 
 
-def weighted(points: Points) -> float:
+def weighted(points: Points | np.ndarray) -> float:
     """Mean return over all episodes."""
     x = np.asarray(points, float).reshape(-1, 3)
     return float((x[:, 1] * x[:, 2]).sum() / x[:, 2].sum())
