@@ -89,6 +89,7 @@ from maax_mjx.viewer import Replay, marks_of, record, render, replay, video  # n
 from maax_mjx.worldgen import WorldParams  # noqa: E402
 from maax_mjx.wrappers import (  # noqa: E402
     ActionWrapper,
+    AddConstantObservations,
     AgentAgentContactMask2D,
     AlwaysEat,
     BlueprintReward,
@@ -132,6 +133,7 @@ __version__ = VERSION
 
 __all__ = [
     "ActionWrapper",
+    "AddConstantObservations",
     "AgentAgentContactMask2D",
     "Agents",
     "AlwaysEat",

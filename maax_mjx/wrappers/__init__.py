@@ -15,7 +15,7 @@ from maax_mjx.wrappers.locks import LockObjects
 from maax_mjx.wrappers.masks import MaskActions, MaskPreparationAction, MaskUnseenAction
 from maax_mjx.wrappers.preparation import PreparationPhase
 from maax_mjx.wrappers.rewards import HideAndSeekReward, RestrictAgentsRect
-from maax_mjx.wrappers.select import ConcatenateObservations, SelectObservations, SpoofEntities
+from maax_mjx.wrappers.select import AddConstantObservations, ConcatenateObservations, SelectObservations, SpoofEntities
 from maax_mjx.wrappers.senses import Lidar, LineOfSight
 from maax_mjx.wrappers.shelter import ShelterReward
 from maax_mjx.wrappers.split import SplitObservations
@@ -35,6 +35,7 @@ from maax_mjx.wrappers.wrapper import (
 
 __all__ = [
     "ActionWrapper",
+    "AddConstantObservations",
     "AgentAgentContactMask2D",
     "AlwaysEat",
     "BlueprintReward",

@@ -1,4 +1,4 @@
-"""Wrappers that select, join and pad observations."""
+"""Wrappers that select, join and pad observations, and add constant ones."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
 
-from maax_mjx.common.checks import check_count
-from maax_mjx.common.observed import Column, Observed
+from maax_mjx.common.checks import check_count, described
+from maax_mjx.common.observed import Column, Observed, check_shapes
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.wrapper import ObservationWrapper
@@ -133,6 +135,43 @@ class SpoofEntities(ObservationWrapper):
             if key in self.mask_keys:
                 table[f"{key}_spoof"] = Observed(axes)
         return table
+
+
+class AddConstantObservations(ObservationWrapper):
+    """Adds observations that are the same in all worlds at all times.
+
+    With them an environment observes what a policy of another game reads (Baker et al.'s transfer tasks).
+
+    Args:
+        env: environment to wrap.
+        constants: by name, the declaration and the array, with a length for each declared axis and then the columns.
+
+    Raises:
+        ValueError: a name that is observed already, something that is no array of numbers, or one that does not fit its
+            declaration.
+    """
+
+    def __init__(self, env: Environment, constants: Mapping[str, tuple[Observed, ArrayLike]]):
+        super().__init__(env)
+        self._declared: dict[str, Observed] = {}
+        self._arrays: dict[str, np.ndarray] = {}
+        for name, given in constants.items():
+            if name in env.observation_space.spaces:
+                raise ValueError(f"constants: got {name!r}, which is observed already; takes another name")
+            if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], Observed)):
+                raise ValueError(f"constants: got {described(given)} for {name!r}; takes (Observed(...), array)")
+            array = np.asarray(given[1])
+            if array.dtype.kind not in "biuf":
+                raise ValueError(f"constants: got {described(given[1])} for {name!r}; takes an array of numbers")
+            self._declared[name] = given[0]
+            self._arrays[name] = array.astype(np.float32) if array.dtype.kind == "f" else array
+        check_shapes(self._declared, {name: x.shape for name, x in self._arrays.items()}, type(self).__name__)
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        return state.obs | {name: jnp.asarray(x) for name, x in self._arrays.items()}
+
+    def declared(self) -> dict[str, Observed]:
+        return self.env.declared() | self._declared
 
 
 def check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:

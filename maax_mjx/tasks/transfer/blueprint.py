@@ -57,4 +57,4 @@ def blueprint(config: BlueprintConfig) -> Environment:
     """
     sites = ConstructionSites(config.n_sites, placement_fn=published_middle_placement(config.site_middle))
     env = BlueprintReward(one_agent(config, sites), **arguments(config.task))
-    return as_in_hide_and_seek(env, config)
+    return as_in_hide_and_seek(env, config, n_others=2, hider=False)

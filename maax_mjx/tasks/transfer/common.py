@@ -12,6 +12,7 @@ from maax_mjx.modules import Module
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments, with_lidar
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
 from maax_mjx.tasks.standard import GameConfig, Number, Placement, ScenarioNames, Side, world
+from maax_mjx.tasks.transfer.made_up import with_made_up
 from maax_mjx.worldgen import WorldParams
 from maax_mjx.wrappers import (
     AgentAgentContactMask2D,
@@ -37,6 +38,8 @@ class TransferConfig(GameConfig):
         cone: full angle of `LineOfSight` in radians.
         lock, grab, lidar: arguments of the wrappers; locks have a choice for every object, which `LockTogether` joins.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
+        made_up: whether split observations have the agents, the ramp and the constants that the published tasks make
+            up, see `with_made_up`: the policies that were published for these tasks read them.
     """
 
     agent_placement: Placement = "uniform"
@@ -55,6 +58,7 @@ class TransferConfig(GameConfig):
     lidar: LidarConfig | None = field(default_factory=LidarConfig)
     n_bins: Bins | None = 11
     observations: Annotated[str, OneOf(OBSERVATIONS)] = "split"
+    made_up: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,24 @@ def one_agent(config: TransferConfig, *modules: Module, first: Sequence[Module] 
     return env if config.grab is None else GrabObjects(env, **arguments(config.grab))
 
 
-def as_in_hide_and_seek(env: Environment, config: TransferConfig) -> Environment:
-    """Gives a task the actions and observations of the published games: no preparation, bins, one choice to lock."""
+def as_in_hide_and_seek(
+    env: Environment, config: TransferConfig, n_others: int = 1, *, hider: bool = True
+) -> Environment:
+    """Gives a task the actions and observations of the published games: no preparation, bins, one choice to lock.
+
+    Args:
+        env: the task.
+        config: its config.
+        n_others, hider: what it makes up, if it does; see `with_made_up`.
+
+    Raises:
+        ValueError: made-up observations of a mode that has none.
+    """
+    if config.made_up and (config.observations != "split" or config.observe != "self"):
+        got = f"observations={config.observations!r} and observe={config.observe!r}"
+        raise ValueError(f"made_up: got True with {got}; takes it with 'split' and 'self'")
     env = LockTogether(PreparationPhase(env, 0.0))
     if config.n_bins is not None:
         env = DiscretizeActions(env, config.n_bins)
-    return observed_by_agents(env, config.observations, config.observe)
+    env = observed_by_agents(env, config.observations, config.observe)
+    return with_made_up(env, n_others, hider=hider) if config.made_up else env

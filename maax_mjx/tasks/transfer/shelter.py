@@ -61,4 +61,4 @@ def shelter(config: ShelterConfig) -> Environment:
     env: Environment = ShelterReward(one_agent(config, first=(cylinder,)), **arguments(config.task))
     if not config.sees_cylinder:
         env = SelectObservations(env, [name for name in env.observed if name not in cylinder.declared()])
-    return as_in_hide_and_seek(env, config)
+    return as_in_hide_and_seek(env, config, n_others=2, hider=False)

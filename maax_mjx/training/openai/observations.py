@@ -26,7 +26,10 @@ PARTS = dict(zip(("move", "grab", "lock"), ACTIONS, strict=True))
 """Actions here, and what they are called there."""
 SIGHT = dict(zip(MASKS, ("sees_agent", "sees_box", "sees_ramp"), strict=True))
 """Masks there, and what they are called here."""
-TAKES = 'takes a hide-and-seek game as published, observations="split", such as policy.make_env()'
+TAKES = (
+    'takes a hide-and-seek game as published, observations="split", such as policy.make_env(), or a transfer task with '
+    "made_up=True"
+)
 
 
 @dataclass(frozen=True)
@@ -66,24 +69,28 @@ class Adapter:
         lidar_range: metres that rays here read where they meet nothing; there they read `NO_HIT`.
         capped: whether rays here also read that where they meet something further away.
         entities: boxes and ramps.
+        told: whether the environment makes up `hider` and `prep_obs`, as the published transfer tasks do.
     """
 
     n_agents: int
     lidar_range: float
     capped: bool
     entities: tuple[Entities, ...]
+    told: bool = False
 
     def read(self, obs: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         """Returns the published observations by name, (n_agents, ...) each."""
-        prep = 1 - obs["prep_remaining"]
+        prep = obs["prep_obs"] if self.told else 1 - obs["prep_remaining"]
+        hider = obs["hider"] if self.told else 1 - obs["agent_team_self"]
         others = obs["agent_qpos_qvel"]
         among = jnp.broadcast_to(prep[:, None], (*others.shape[:2], 1))
         lidar = obs["lidar"]
         read = {
-            "observation_self": jnp.concatenate(
-                [_cornered(obs["agent_qpos_qvel_self"]), 1 - obs["agent_team_self"], prep], axis=-1
+            "observation_self": jnp.concatenate([_cornered(obs["agent_qpos_qvel_self"]), hider, prep], axis=-1),
+            # Those that are made up are all zeros.
+            "agent_qpos_qvel": jnp.concatenate(
+                [others if self.told else _cornered(others), 1 - obs["agent_team"], among], axis=-1
             ),
-            "agent_qpos_qvel": jnp.concatenate([_cornered(others), 1 - obs["agent_team"], among], axis=-1),
             "lidar": jnp.where(lidar >= self.lidar_range if self.capped else lidar == self.lidar_range, NO_HIT, lidar),
         }
         read |= {one.name: one.read(obs) for one in self.entities}
@@ -119,7 +126,7 @@ def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
         )
     _check_actions(env, network)
     box, ramp = (_entities(env, kind, width) for kind, width in zip(("box", "ramp"), network.widths[2:], strict=True))
-    return Adapter(env.n_agents, lidar.range, lidar.capped, (box, ramp))
+    return Adapter(env.n_agents, lidar.range, lidar.capped, (box, ramp), told="prep_obs" in space)
 
 
 def _entities(env: Environment, kind: str, width: int) -> Entities:
@@ -132,7 +139,9 @@ def _entities(env: Environment, kind: str, width: int) -> Entities:
     if not forms or not set(forms[0]) <= set(have):
         wanted = forms[0] if forms else f"{width} columns"
         raise ValueError(f"policy: it reads {wanted} of {name!r}, and env has {tuple(have)}; {TAKES}")
-    half = tuple((env.base.objects([kind])[0].largest[0] / 2).tolist())
+    largest = env.base.objects([kind])[0].largest
+    # Those that are made up are not in play.
+    half = tuple((largest[0] / 2).tolist()) if len(largest) else (0.0,) * 3
     size = tuple(have[column] for column in SIZE) if SIZE[0] in have and have[SIZE[0]] >= 0 else ()
     return Entities(name, kind, tuple(have[column] for column in forms[0]), half, size)
 

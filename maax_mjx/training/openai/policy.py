@@ -18,6 +18,9 @@ from maax_mjx.training.openai.structure import network_of
 from maax_mjx.training.openai.weights import Arrays, read_weights
 from maax_mjx.training.trained import TrainedPolicy
 
+TASKS = ("lock_and_return", "sequential_lock", "shelter")
+"""Transfer tasks whose published networks have the form of the full game's: files of these names play them."""
+
 
 @dataclass(frozen=True)
 class OpenAIPlay:
@@ -72,6 +75,8 @@ class OpenAIPolicy(TrainedPolicy):
         # The quadrant's ramps cannot be locked, so that its policies observe no locks of them.
         game = "hide_and_seek_quadrant" if play.network.widths[-1] == len(POSE) else "hide_and_seek_full"
         self.game = {"game": game, "config": {"published": True}}
+        if name in TASKS and game == "hide_and_seek_full":
+            self.game = {"game": name, "config": {"made_up": True}}
 
     @classmethod
     def read(cls, path: str | Path) -> OpenAIPolicy:
