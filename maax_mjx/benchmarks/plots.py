@@ -12,12 +12,17 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from maax_mjx.benchmarks import plots_cost, plots_scaling, plots_worlds, record
+from maax_mjx.benchmarks import plots_cost, plots_learning, plots_scaling, plots_worlds, record
 from maax_mjx.benchmarks.axes import Fill
 from maax_mjx.benchmarks.bench import Command, Options
 from maax_mjx.training.folder import CURVES, METRICS, Folder
 
-FIGURES: dict[str, Fill] = {**plots_worlds.FIGURES, **plots_cost.FIGURES, **plots_scaling.FIGURES}
+FIGURES: dict[str, Fill] = {
+    **plots_worlds.FIGURES,
+    **plots_cost.FIGURES,
+    **plots_scaling.FIGURES,
+    **plots_learning.FIGURES,
+}
 """Kinds of pictures by the beginning of a file's name, up to the first underscore."""
 
 
@@ -53,14 +58,21 @@ def draw(path: Path, fill: Fill) -> Path:
     figure = Figure(layout="constrained")
     FigureCanvasAgg(figure)
     fill(figure, rows)
-    figure.supxlabel(caption(found["conditions"]), fontsize=8, color="#555555")
+    figure.supxlabel(caption(found["conditions"], rows[0].get("devices")), fontsize=8, color="#555555")
     picture = path.with_suffix(".png")
     figure.savefig(picture, dpi=130)
     return picture
 
 
-def caption(conditions: dict[str, Any]) -> str:
-    """Line that says where and when a record was measured."""
+def caption(conditions: dict[str, Any], trained_on: Any = None) -> str:
+    """Line that says where and when a record was measured.
+
+    Args:
+        conditions: of the record.
+        trained_on: devices of the runs that a record of training was read from, perhaps on another machine.
+    """
+    if isinstance(trained_on, list):
+        return f"trained on {', '.join(trained_on)}; {conditions['date']}"
     devices = conditions["devices"]
     count = f"{len(devices)} x " if len(devices) > 1 else ""
     versions = ", ".join(f"{name} {conditions['packages'][name]}" for name in ("jax", "mujoco"))

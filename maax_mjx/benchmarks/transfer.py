@@ -185,7 +185,7 @@ HEADER = "env              begin             seed      steps   minutes   final r
 def line(row: Row) -> str:
     """A row of the table."""
     return (
-        f"{row.env:16} {row.begin:16} {row.seed:5} {row.steps:10,} {row.minutes:9.1f} {row.final:14.3f} "
+        f"{row.env:16} {row.begin[-16:]:16} {row.seed:5} {row.steps:10,} {row.minutes:9.1f} {row.final:14.3f} "
         f"{row.faults:10.2f}"
     )
 

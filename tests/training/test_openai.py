@@ -432,7 +432,10 @@ def refused_with(changed):
 USED = [name.partition("/")[2] for name in oracle.draw(FULL, np.random.default_rng(0)) if "vpred" not in name]
 """Names of the variables that a policy plays with."""
 KERNEL = "policy_net//dense12-0/kernel:0"
-FITS = r'takes a hide-and-seek game as published, observations="split", such as policy\.make_env\(\)$'
+FITS = (
+    r'takes a hide-and-seek game as published, observations="split", such as policy\.make_env\(\), or a transfer task '
+    r"with made_up=True$"
+)
 
 
 @pytest.mark.parametrize("kind", ["objects", "bytes"])
