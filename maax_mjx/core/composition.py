@@ -75,6 +75,11 @@ class Composition:
         self.world_params = WorldParams() if world_params is None else world_params
         if not isinstance(self.world_params, WorldParams):
             raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
+        if self.world_params.placement_margin:
+            raise ValueError(
+                f"world_params.placement_margin: got {self.world_params.placement_margin:g}; takes 0 here: layouts are "
+                "drawn on the device, by placement functions, such as maax.separation_placement(radius)"
+            )
         self._contacts_per_world = check_value("contacts_per_world", contacts_per_world, Contacts | None)
         self.placement_tries = check_value("placement_tries", placement_tries, PositiveCount | None)
         self._modules: dict[str, Module] = {}

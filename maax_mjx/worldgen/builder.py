@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import mujoco
 import numpy as np
 
-from maax_mjx.common.annotated import Bounds, PositiveCount, check_fields
+from maax_mjx.common.annotated import Bounds, NonNegative, PositiveCount, check_fields
 from maax_mjx.worldgen.mark import CENTRE
 from maax_mjx.worldgen.material import Material
 from maax_mjx.worldgen.obj import Obj
@@ -18,7 +18,7 @@ from maax_mjx.worldgen.written import Written
 
 @dataclass(frozen=True)
 class WorldParams:
-    """Physics options of a world.
+    """Options of a world: its physics, and how a `WorldBuilder` places objects.
 
     Attributes:
         timestep: physics step in seconds, up to 0.1.
@@ -26,12 +26,16 @@ class WorldParams:
         iterations: Newton iterations per step. With ten, agents that push into a corner are ejected; with twenty they
             stay.
         ls_iterations: line-search iterations per Newton iteration.
+        placement_margin: metres that drawn places keep from other objects and from the edges of the placement, such as
+            those of the floor, along x or y. Given places (`placement_xy`) stay where they are. For what a
+            `WorldBuilder` places; a `maax.Base`, whose layouts are drawn on the device, takes 0.
     """
 
     timestep: Annotated[float, Bounds(0, 0.1, above=True, takes="a positive number of seconds, up to 0.1")] = 0.005
     gravity: Annotated[float, Bounds(-1000.0, 1000.0)] = -9.81
     iterations: PositiveCount = 20
     ls_iterations: PositiveCount = 20
+    placement_margin: NonNegative = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -90,7 +94,7 @@ class WorldBuilder(Obj):
             raise ValueError("WorldBuilder: got no floor; takes one before the spec, append(Floor())")
         root = self.children[0].obj
         root.assign_names(root.given_names())
-        root.generate(np.random.default_rng(self.seed))
+        root.generate(np.random.default_rng(self.seed), margin=self.params.placement_margin)
         root.locate(np.zeros(3))
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
