@@ -27,6 +27,7 @@ from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Engine, Overlay, check_impl, make_engine, union
 from maax_mjx.physics.watched import Watch, Watched
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
+from maax_mjx.worldgen.default_pose import with_default_poses
 
 GridSize = Annotated[int, Bounds(8, 1000)]
 FloorSize = Annotated[
@@ -182,10 +183,11 @@ class Composition:
         """The MuJoCo spec, with the maximum number of every kind."""
         _ = self.agents
         builder = WorldBuilder(self.world_params)
-        floor = Floor(self.floor_size)
-        builder.append(floor)
-        self._append_objects(floor)
+        builder.append(self._floor)
         spec = builder.to_spec()
+        # Modules may change how long qpos is: default poses are in `qpos_start`.
+        for key in list(spec.keys):
+            spec.delete(key)
         for module in self._modules.values():
             module.spec_step(spec)
         if self._limits is not None:
@@ -198,12 +200,14 @@ class Composition:
         spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)
         return spec
 
-    def _append_objects(self, floor: Floor) -> None:
-        """Lets all modules append their objects to the floor.
+    @from_model
+    def _floor(self) -> Floor:
+        """The object tree: the floor, with the objects of all modules.
 
         Raises:
             ValueError: two modules that give objects the same name.
         """
+        floor = Floor(self.floor_size)
         named_by: dict[str, str] = {}
         for module in self._modules.values():
             built = len(floor.children)
@@ -215,11 +219,18 @@ class Composition:
                         "takes names of their own"
                     )
                 named_by[name] = module.name
+        return floor
 
     @from_model
     def model(self) -> mujoco.MjModel:
         """The compiled MuJoCo model."""
         return self.spec.compile()
+
+    @from_model
+    def qpos_start(self) -> np.ndarray:
+        """The qpos (nq,) from which layouts begin: parked, in default poses."""
+        _ = self.spec  # It names the objects.
+        return with_default_poses(self.model, self._floor.default_poses())
 
     @from_model
     def overlay(self) -> Overlay:

@@ -209,6 +209,16 @@ class Obj:
             child.obj.add_to_spec(spec, written.body if child.obj.static else spec.worldbody)
 
     @property
+    def default_qpos(self) -> dict[str, np.ndarray]:
+        """The values of joints in which the object itself begins, by the joints' names in the world; after phase 2."""
+        return {}
+
+    def default_poses(self) -> dict[str, np.ndarray]:
+        """Returns `default_qpos` of this object and all its descendants."""
+        below = (child.obj.default_poses() for child in self.children)
+        return {name: qpos for poses in (self.default_qpos, *below) for name, qpos in poses.items()}
+
+    @property
     def centre(self) -> Vec3:
         """Absolute centre of the object's bounding box in metres, (3,); after phase 4."""
         return self.position + self.size / 2
