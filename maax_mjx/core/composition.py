@@ -61,7 +61,7 @@ class Composition:
         n_frames: int,
         grid_size: int,
         floor_size: float | tuple[float, float],
-        horizon: int,
+        horizon: int | None,
         impl: str,
         world_params: WorldParams | None,
         contacts_per_world: int | None,
@@ -71,7 +71,8 @@ class Composition:
         self.n_frames = check_count("n_frames", n_frames, minimum=1)
         self.grid_size = int(check_value("grid_size", grid_size, GridSize))
         self.floor_range = Ranged("floor_size", check_value("floor_size", floor_size, FloorSize))
-        self.horizon = check_count("horizon", horizon, minimum=1)
+        check_value("horizon", horizon, PositiveCount | None)
+        self.horizon = None if horizon is None else int(horizon)
         self.impl = check_impl(impl)
         self.world_params = WorldParams() if world_params is None else world_params
         if not isinstance(self.world_params, WorldParams):

@@ -204,6 +204,8 @@ BALL = DESK.replace('<joint name="hinge" axis="1 0 0" range="-90 0"', '<joint na
 EQUALITY = DESK.replace("</worldbody>", '</worldbody><equality><joint joint1="drawer" joint2="hinge"/></equality>')
 ROUND = DESK.replace('<geom name="main" type="box" pos="0 0 .27" size=".4 .3 .03"', '<geom name="main" size=".3"')
 ROUND = ROUND.replace('type="box" size=".03 .3 .27"', 'type="cylinder" size=".03 .27"')
+for box in ('type="box" size=".3 .28 .08"', 'type="box" pos="0 0 .02" size=".2 .01 .02"'):
+    ROUND = ROUND.replace(box, 'size=".01"')
 
 
 class Walkers(maax.Agents):
