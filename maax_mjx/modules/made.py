@@ -70,11 +70,10 @@ def check_made(made: Any, name: str, who: str, *, free: bool) -> tuple[Inner, ..
             f"make: {who}(free={free}) returned a body with the joints {[label for label, _, _ in joints]}; takes "
             f"{takes}, in this order. What moves otherwise, as a door does on its hinge, is a subclass of Module"
         )
-    for joint in made.default_qpos:
-        if joint == f"{name}:yaw":
-            raise ValueError(
-                f"default_qpos: got a value for {joint!r}; takes joints inside: its place gives an entity's yaw"
-            )
+    if f"{name}:yaw" in made.default_qpos:
+        raise ValueError(
+            f"default_qpos: got a value for '{name}:yaw'; takes joints inside: its place gives an entity's yaw"
+        )
     # Layouts put the body where the middle of the object goes.
     off = body.pos - made.centre
     if not np.allclose(off, 0, atol=1e-4):

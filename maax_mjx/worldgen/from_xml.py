@@ -25,9 +25,9 @@ class ObjFromXML(Obj):
     It holds one body named "main", without rotation, and a body "annotation:outer_bound" whose box geom is the
     object's bounding box. Every other body "annotation:<name>" with a box geom is a placement <name> for children,
     which stand on the box's lower face and must fit into it ("annotation:top", "annotation:inside"; OpenAI's
-    worldgen). "main" may hold other bodies, on joints or fixed. The model leaves out annotations. In it, "main" gets
-    the object's name, and every other name gets that as a prefix: `agent0`, `agent0:x`, `agent0:hand_left`. What has
-    no name is numbered: `table0:geom0`.
+    worldgen). "main" may hold other bodies, on joints or fixed. The model leaves out annotations and keyframes. In it,
+    "main" gets the object's name, and every other name gets that as a prefix: `agent0`, `agent0:x`,
+    `agent0:hand_left`. What has no name is numbered: `table0:geom0`.
 
     Args:
         source: the file, a bare name among the package's assets, or MJCF as text, which begins with "<".
@@ -80,6 +80,9 @@ class ObjFromXML(Obj):
         source = self._source.copy()
         for name in [body.name for body in source.bodies if body.name.startswith(PREFIX)]:
             source.delete(source.body(name))
+        # They are of the file's own qpos, not of the world's.
+        for key in list(source.keys):
+            source.delete(key)
         _name_all(source)
         if self.static:
             if self._default_qpos:

@@ -198,7 +198,10 @@ def test_default_poses_are_where_a_world_begins(cupboard):
     """In keyframe 0, in `to_xinit` and in the exported file; the pose is MuJoCo's own of that qpos."""
     builder = WorldBuilder()
     floor = builder.append(Floor())
-    gate = ObjFromXML(GATE, "g", default_qpos={"gate": 0.5, "ball": (0, 2, 0, 0), "yaw": [np.pi / 2]})
+    key = '<keyframe><key name="own" qpos="1 1 1 0 0 0 1"/></keyframe></mujoco>'
+    gate = ObjFromXML(
+        GATE.replace("</mujoco>", key), "g", default_qpos={"gate": 0.5, "ball": (0, 2, 0, 0), "yaw": [np.pi / 2]}
+    )
     floor.append(gate, placement_xy=(0.5, 0.5))
     floor.append(ObjFromXML(CUPBOARD, "c", default_qpos={"hinge": -1.0}), placement_xy=(0.1, 0.1))
     floor.append(cupboard("closed"), placement_xy=(0.9, 0.9))
