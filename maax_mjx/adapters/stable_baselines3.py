@@ -53,7 +53,9 @@ def stable_baselines3(
             self._reset_seeds()
             if any(self._options):
                 raise ValueError(f"options: got {self._options}; takes none")
-            return envs.reset(seed=seeds[0] if seeds else None, options={"stagger": True})[0]
+            return envs.reset(
+                seed=seeds[0] if seeds else None, options={"stagger": worlds.env.base.horizon is not None}
+            )[0]
 
         def step_async(self, actions: np.ndarray) -> None:
             self._actions = actions

@@ -122,8 +122,8 @@ class OneTeam:
 
     def done(self, inside: Inside) -> jax.Array:
         """Returns 1.0 where an episode has ended before its horizon, which those libraries see to themselves."""
-        state = inside.state
-        cut = state.truncated & (state.step < self.env.base.horizon)
+        state, horizon = inside.state, self.env.base.horizon
+        cut = state.truncated if horizon is None else state.truncated & (state.step < horizon)
         return (state.terminated | cut).astype(jnp.float32)
 
     def metrics(self, inside: Inside) -> dict[str, jax.Array]:

@@ -104,12 +104,12 @@ def _rollout(
     worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
     bar = progress(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
-    start = time.perf_counter()
-    states = worlds.reset(world_key, stagger=True)
+    start, has_ends = time.perf_counter(), env.base.horizon is not None
+    states = worlds.reset(world_key, stagger=has_ends)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
     advance = _advance(worlds, action_key) if policy is None else _play(worlds, policy, action_key)
     states = advance(states, 0, every := max(1, round(1 / (FPS * env.base.dt))))
-    states = worlds.reset(world_key, stagger=True)
+    states = worlds.reset(world_key, stagger=has_ends)
     compiled = time.perf_counter() - start
     shown = list(range(args.show))
     frames, done, spent = [select_worlds(states, shown)], 0, 0.0

@@ -23,8 +23,8 @@ from maax_mjx.training.policy import check_policy, load_any
 
 REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
-SHOWN = 2
-"""Worlds in the replay."""
+SHOWN, ENDLESS = 2, 240
+"""Worlds in the replay, and its frames of a game without a horizon."""
 GROUPS = ("ppo", "net", "league")
 """Groups of settings, set as in --ppo.lr 3e-4."""
 KEPT = ("save_minutes", "save_worlds", "tensorboard")
@@ -154,7 +154,8 @@ def _replay(trainer: training.Trainer, run: training.Run) -> list[str]:
     env = trainer.env
     worlds = maax.Worlds(env, SHOWN)
     states = worlds.reset(jax.random.key(trainer.steps))
-    _, recording = maax.record(worlds, states, run.policy, env.base.horizon - 1, show=list(range(SHOWN)))
+    n_steps = (env.base.horizon or ENDLESS) - 1
+    _, recording = maax.record(worlds, states, run.policy, n_steps, show=list(range(SHOWN)))
     try:
         with whole(run.folder / REPLAY) as part:
             maax.replay(env, recording, part)

@@ -27,6 +27,7 @@ from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Engine, Overlay, check_impl, make_engine, union
 from maax_mjx.physics.watched import Watch, Watched
 from maax_mjx.worldgen import Floor, WorldBuilder, WorldParams
+from maax_mjx.worldgen.default_pose import with_default_poses
 
 GridSize = Annotated[int, Bounds(8, 1000)]
 FloorSize = Annotated[
@@ -60,7 +61,7 @@ class Composition:
         n_frames: int,
         grid_size: int,
         floor_size: float | tuple[float, float],
-        horizon: int,
+        horizon: int | None,
         impl: str,
         world_params: WorldParams | None,
         contacts_per_world: int | None,
@@ -70,11 +71,17 @@ class Composition:
         self.n_frames = check_count("n_frames", n_frames, minimum=1)
         self.grid_size = int(check_value("grid_size", grid_size, GridSize))
         self.floor_range = Ranged("floor_size", check_value("floor_size", floor_size, FloorSize))
-        self.horizon = check_count("horizon", horizon, minimum=1)
+        check_value("horizon", horizon, PositiveCount | None)
+        self.horizon = None if horizon is None else int(horizon)
         self.impl = check_impl(impl)
         self.world_params = WorldParams() if world_params is None else world_params
         if not isinstance(self.world_params, WorldParams):
             raise ValueError(f"world_params: got {world_params!r}; takes a WorldParams")
+        if self.world_params.placement_margin:
+            raise ValueError(
+                f"world_params.placement_margin: got {self.world_params.placement_margin:g}; takes 0 here: layouts are "
+                "drawn on the device, by placement functions, such as maax.separation_placement(radius)"
+            )
         self._contacts_per_world = check_value("contacts_per_world", contacts_per_world, Contacts | None)
         self.placement_tries = check_value("placement_tries", placement_tries, PositiveCount | None)
         self._modules: dict[str, Module] = {}
@@ -177,10 +184,11 @@ class Composition:
         """The MuJoCo spec, with the maximum number of every kind."""
         _ = self.agents
         builder = WorldBuilder(self.world_params)
-        floor = Floor(self.floor_size)
-        builder.append(floor)
-        self._append_objects(floor)
+        builder.append(self._floor)
         spec = builder.to_spec()
+        # Modules may change how long qpos is: default poses are in `qpos_start`.
+        for key in list(spec.keys):
+            spec.delete(key)
         for module in self._modules.values():
             module.spec_step(spec)
         if self._limits is not None:
@@ -193,12 +201,14 @@ class Composition:
         spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)
         return spec
 
-    def _append_objects(self, floor: Floor) -> None:
-        """Lets all modules append their objects to the floor.
+    @from_model
+    def _floor(self) -> Floor:
+        """The object tree: the floor, with the objects of all modules.
 
         Raises:
             ValueError: two modules that give objects the same name.
         """
+        floor = Floor(self.floor_size)
         named_by: dict[str, str] = {}
         for module in self._modules.values():
             built = len(floor.children)
@@ -210,11 +220,18 @@ class Composition:
                         "takes names of their own"
                     )
                 named_by[name] = module.name
+        return floor
 
     @from_model
     def model(self) -> mujoco.MjModel:
         """The compiled MuJoCo model."""
         return self.spec.compile()
+
+    @from_model
+    def qpos_start(self) -> np.ndarray:
+        """The qpos (nq,) from which layouts begin: parked, in default poses."""
+        _ = self.spec  # It names the objects.
+        return with_default_poses(self.model, self._floor.default_poses())
 
     @from_model
     def overlay(self) -> Overlay:

@@ -150,7 +150,7 @@ def _constraints(
     named = dict(zip(base.agents.names, base.agent_names, strict=True))
 
     def name_of(geom: int) -> str:
-        body = model.geom_bodyid[geom]
+        body = model.body_rootid[model.geom_bodyid[geom]]
         name = model.body(body).name if body else model.geom(geom).name
         return named.get(name, name)
 

@@ -246,7 +246,8 @@ class Base(Composition, Environment):
         n_frames: physics steps per env step.
         grid_size: cells per side of the placement grid.
         floor_size: edge of the floor in metres, or (low, high), drawn per world; the grid's cells grow with it.
-        horizon: env steps until an episode is truncated.
+        horizon: env steps until an episode is truncated; None for an endless game, whose episodes end by its rules or a
+            physics fault alone.
         impl: "jax", "warp", "c", or "auto": `warp` on NVIDIA where it is installed, `jax` on other accelerators, `c` on
             a bare CPU.
         world_params: time step, gravity and solver iterations.
@@ -268,7 +269,7 @@ class Base(Composition, Environment):
         n_frames: int = 1,
         grid_size: int = 30,
         floor_size: float | tuple[float, float] = 6.0,
-        horizon: int = 1000,
+        horizon: int | None = 1000,
         impl: str = "auto",
         world_params: WorldParams | None = None,
         contacts_per_world: int | None = None,
@@ -348,7 +349,7 @@ class Base(Composition, Environment):
             obs=self.module_observations(world, data),
             reward=jnp.zeros_like(state.reward),
             terminated=jnp.zeros((), bool),
-            truncated=fault | (step >= self.horizon),
+            truncated=fault if self.horizon is None else fault | (step >= self.horizon),
             can_act=world.active[self.agents.kind],
             step=step,
             metrics={

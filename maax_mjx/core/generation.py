@@ -42,4 +42,4 @@ def _empty_layout(env: Composition, attempt: jax.Array, floor_size: jax.Array) -
         fields["geom_pos"] = fields["geom_pos"].at[env.floor_id, :2].set(half)
         fields["geom_size"] = fields["geom_size"].at[env.floor_id, :2].set(half)
     layout = Layout.empty(env.grid_size, floor_size, tries=env.placement_tries)
-    return layout.replace(qpos=jnp.asarray(env.model.qpos0, float), fields=fields, attempt=attempt)
+    return layout.replace(qpos=jnp.asarray(env.qpos_start, float), fields=fields, attempt=attempt)

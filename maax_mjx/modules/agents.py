@@ -136,6 +136,14 @@ class Agents(Entities):
             overlay["actuator_gear"] = self.ctrl_ids.reshape(-1)
         return overlay
 
+    def check(self, grid_size: int, floor_size: float) -> None:
+        super().check(grid_size, floor_size)
+        if self.inner:
+            raise ValueError(
+                f"make: {type(self).__name__} returned an agent with the joint {self.inner[0].name!r} inside, which no "
+                "motor drives and no agent observes; takes bodies without joints inside"
+            )
+
     def make(self, name: str) -> Obj:
         return ObjFromXML("agent", name, rgba=self.colors[int(name.removeprefix(self.kind))])
 

@@ -16,7 +16,7 @@ from maax_mjx.common.observed import POSITION, ROTATION, SPIN, SPINS, TURN, VELO
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World
 from maax_mjx.modules.from_model import from_model
-from maax_mjx.modules.made import check_made
+from maax_mjx.modules.made import Inner, check_made
 from maax_mjx.modules.placed import Placed, Places
 from maax_mjx.modules.ranged import Ranged
 from maax_mjx.physics import Data, Fields, Overlay
@@ -32,6 +32,7 @@ class Entities(Placed):
         rest_depth: metres by which an entity starts in the floor, which is how deep a soft contact holds it under
             earth's gravity. Placed at exactly zero it would touch or fall by the last bit of a float, and engines would
             not agree on its first steps.
+        inner: the joints of bodies inside one of these entities, such as a drawer's; known once the module is added.
         contacts_each: contact points per entity in a jam, on MJX, which reports some points twice. In 128 worlds of the
             benchmarks' environment M, jammed for 1,000 steps under full force at -50 m/s^2, there were 23 at most; this
             allows 31.
@@ -50,6 +51,7 @@ class Entities(Placed):
     contacts_each = 6.5
     friction_name: str = ""
     friction_argument = "friction"
+    inner: tuple[Inner, ...] = ()
 
     def __init__(
         self,
@@ -75,8 +77,9 @@ class Entities(Placed):
     def make(self, name: str) -> Obj:
         """Returns a new object of this kind for the object tree.
 
-        It is one body of this name, with a geom of this name and the joints `<name>:x`, `:y`, `:z` and `:yaw`; with
-        `free`, the joint `<name>:free`.
+        It is a body of this name, in the middle of the object's bounding box, with a geom of this name and the joints
+        `<name>:x`, `:y`, `:z` and `:yaw`; with `free`, the joint `<name>:free`. It may hold other bodies, fixed to it
+        or on hinges and slides.
         """
         raise NotImplementedError
 
@@ -91,7 +94,7 @@ class Entities(Placed):
 
     @property
     def overlay(self) -> Overlay:
-        return {"body_gravcomp": self.body_ids} | self.friction_rows
+        return {"body_gravcomp": self.all_body_ids} | self.friction_rows
 
     @property
     def friction_rows(self) -> Overlay:
@@ -102,7 +105,7 @@ class Entities(Placed):
     def check(self, grid_size: int, floor_size: float) -> None:
         super().check(grid_size, floor_size)
         if self.n_max:
-            check_made(self.make(self.names[0]), self.names[0], type(self).__name__, free=self.free)
+            self.inner = check_made(self.make(self.names[0]), self.names[0], type(self).__name__, free=self.free)
 
     @property
     def contact_points(self) -> float:
@@ -119,12 +122,26 @@ class Entities(Placed):
 
     def geoms_of(self, spec: mujoco.MjSpec, name: str) -> list[mujoco.MjsGeom]:
         """Returns the geoms of one entity."""
-        return list(spec.body(name).geoms)
+        return list(spec.body(name).find_all("geom"))
 
     @from_model
     def body_ids(self) -> np.ndarray:
-        """Body ids (n_max,)."""
+        """Body ids (n_max,), without the bodies inside."""
         return np.array([self.model.body(name).id for name in self.names], int)
+
+    @from_model
+    def _bodies_of_slots(self) -> list[np.ndarray]:
+        return [np.flatnonzero(self.model.body_rootid == body) for body in self.body_ids]
+
+    @from_model
+    def all_body_ids(self) -> np.ndarray:
+        """Ids of all bodies (n_bodies,), those inside of entities too, in the order of the slots."""
+        return np.concatenate([np.zeros(0, int), *self._bodies_of_slots])
+
+    @from_model
+    def slot_of_body(self) -> np.ndarray:
+        """Slot of each of `all_body_ids`, (n_bodies,)."""
+        return np.repeat(np.arange(self.n_max), [len(ids) for ids in self._bodies_of_slots])
 
     def reach_of(self, world: World) -> jax.Array:
         """Returns the extents (n_max, 3) of the oriented boxes that agents reach for, in metres."""
@@ -138,7 +155,7 @@ class Entities(Placed):
     @from_model
     def _geoms_of_slots(self) -> list[np.ndarray]:
         # A user's entity may have several geoms, including the body's namesake.
-        return [np.flatnonzero(self.model.geom_bodyid == body) for body in self.body_ids]
+        return [np.flatnonzero(self.model.body_rootid[self.model.geom_bodyid] == body) for body in self.body_ids]
 
     @from_model
     def all_geom_ids(self) -> np.ndarray:
@@ -162,6 +179,19 @@ class Entities(Placed):
         first = [joint.dofadr[0] for joint in self._first_joints()]
         return _consecutive(first, 6 if self.free else 4)
 
+    @from_model
+    def inner_qpos_ids(self) -> np.ndarray:
+        """Indices (n_max, n_inner) of the joints inside in `qpos`."""
+        return np.array([joint.qposadr[0] for joint in self._inner_joints()], int).reshape(self.n_max, -1)
+
+    @from_model
+    def inner_qvel_ids(self) -> np.ndarray:
+        """Indices (n_max, n_inner) of their velocities in `qvel`."""
+        return np.array([joint.dofadr[0] for joint in self._inner_joints()], int).reshape(self.n_max, -1)
+
+    def _inner_joints(self) -> list[Any]:
+        return [self.model.joint(f"{name}:{inner.name}") for name in self.names for inner in self.inner]
+
     def _first_joints(self) -> list[Any]:
         # x, y, z and yaw are consecutive in qpos and qvel, as the parts of a free joint are.
         return [self.model.joint(f"{name}:{'free' if self.free else 'x'}") for name in self.names]
@@ -176,7 +206,8 @@ class Entities(Placed):
         position = jnp.concatenate([places.centre, height, turn], axis=1)
         ids = self.qpos_ids
         qpos = with_rows(layout.qpos, ids, jnp.where(active[:, None], position, layout.qpos[ids]))
-        gravcomp = with_rows(layout.fields["body_gravcomp"], self.body_ids, jnp.where(active, 0.0, 1.0))
+        floats = jnp.where(active, 0.0, 1.0)[self.slot_of_body]
+        gravcomp = with_rows(layout.fields["body_gravcomp"], self.all_body_ids, floats)
         fields = self.draw_fields(key, layout.fields | {"body_gravcomp": gravcomp}, params, places)
         return layout.replace(qpos=qpos, fields=fields)
 
@@ -194,8 +225,8 @@ class Entities(Placed):
 
     def observation_step(self, world: World, data: Data) -> dict[str, jax.Array]:
         """Returns `<kind>_obs` (n_max, 9): position, cos and sin of yaw, velocities; with free joints (n_max, 15):
-        position, the first two columns of the rotation matrix, velocities. `<kind>_mask` (n_max,). Absent entities are
-        zero.
+        position, the first two columns of the rotation matrix, velocities. Joints inside add two columns each, position
+        and velocity. `<kind>_mask` (n_max,). Absent entities are zero.
         """
         if not self.n_max:
             return {}
@@ -213,7 +244,8 @@ class Entities(Placed):
 
     def declared_columns(self) -> tuple[Column, ...]:
         """Returns the declarations of `observation_columns`."""
-        return (*POSITION, *ROTATION, *VELOCITY, *SPINS) if self.free else (*POSITION, *TURN, *VELOCITY, *SPIN)
+        own = (*POSITION, *ROTATION, *VELOCITY, *SPINS) if self.free else (*POSITION, *TURN, *VELOCITY, *SPIN)
+        return own + tuple(column for inner in self.inner for column in inner.columns)
 
     def observation_columns(self, world: World, data: Data) -> list[jax.Array]:
         """Returns the columns of `<kind>_obs`, (n_max, k) each."""
@@ -222,7 +254,8 @@ class Entities(Placed):
             turn = _first_columns(qpos[:, 3:])
         else:
             turn = jnp.stack([jnp.cos(qpos[:, 3]), jnp.sin(qpos[:, 3])], axis=1)
-        return [qpos[:, :3], turn, qvel]
+        inside = jnp.stack([data.qpos[self.inner_qpos_ids], data.qvel[self.inner_qvel_ids]], axis=-1)
+        return [qpos[:, :3], turn, qvel] + ([inside.reshape(self.n_max, -1)] if self.inner else [])
 
 
 def _consecutive(first: Sequence[int], n: int) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from maax_mjx.common.annotated import NonNegative, check_value
 from maax_mjx.common.checks import check_bool
-from maax_mjx.common.observed import POSITION, SIZE, SPIN, VELOCITY, YAW, Column
+from maax_mjx.common.observed import POSITION, SIZE, TURN, YAW, Column
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import PlacementFn, World, uniform_placement
 from maax_mjx.modules.elongated import Elongated
@@ -140,16 +140,18 @@ class Boxes(Entities):
         return fields
 
     def declared_columns(self) -> tuple[Column, ...]:
-        columns = super().declared_columns() if self.polar_obs else (*POSITION, *YAW, *VELOCITY, *SPIN)
+        columns = super().declared_columns()
+        if not self.polar_obs:
+            columns = (*POSITION, *YAW, *columns[len(POSITION) + len(TURN) :])
         columns += (Column("index"),) if self.boxid_obs else ()
         return (*columns, *SIZE) if self.boxsize_obs else columns
 
     def observation_columns(self, world: World, data: Data) -> list[jax.Array]:
         """Adds to the columns of `Entities` index and extents, if asked for; without `polar_obs` yaw is one column."""
-        position, turn, velocity = super().observation_columns(world, data)
+        position, turn, velocity, *inside = super().observation_columns(world, data)
         if not self.polar_obs:
             turn = data.qpos[self.qpos_ids[:, 3:]]
-        columns = [position, turn, velocity]
+        columns = [position, turn, velocity, *inside]
         if self.boxid_obs:
             columns.append(jnp.arange(self.n_max, dtype=velocity.dtype)[:, None])
         return [*columns, self.extents_of(world)] if self.boxsize_obs else columns

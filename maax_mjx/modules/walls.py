@@ -184,9 +184,10 @@ class WallScenarios(Module):
         return min(sizes, default=0)
 
     def build_step(self, floor: Floor, grid_size: int) -> None:
-        thick = floor.edge / grid_size / 2
+        edge = float(floor.edges[0])  # that of a square
+        thick = edge / grid_size / 2
         for i, height in enumerate(self._heights):
-            size = (floor.edge / 2, thick, float(height))
+            size = (edge / 2, thick, float(height))
             friction = self.friction.high if self.friction else None
             wall = Geom("box", size, name=f"wall{i}", friction=friction, rgba=(0.6, 0.6, 0.62, 1.0))
             floor.append(wall.mark_static(), "parking")

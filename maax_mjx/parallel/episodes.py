@@ -87,7 +87,7 @@ def begin(
     keys = jnp.concatenate([_episode_key(seed, jnp.full(n, e)) for e in (0, 1)])
     both = strong(jax.vmap(env.reset)(keys, jax.tree.map(lambda x: jnp.concatenate([x, x]), params)))
     first, second = jax.tree.map(lambda x: x[:n], both), jax.tree.map(lambda x: x[n:], both)
-    age = (index * env.base.horizon // n_worlds).astype(jnp.int32)
+    age = (index * (env.base.horizon or 0) // n_worlds).astype(jnp.int32)
     first = first.replace(step=jnp.where(stagger, age, first.step))
     zeros = jnp.zeros(n, jnp.int32)
     return WorldsState(

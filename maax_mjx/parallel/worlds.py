@@ -109,18 +109,20 @@ class Worlds:
             params: ranges with leaves (2,), or (n_worlds, 2) for a range per world; None uses the defaults.
             stagger: whether the ends of the first episodes are spread over the horizon, which keeps training batches
                 and their cost even. They begin as if some steps had passed with the world at rest; agents' observations
-                before their first step are still an episode's first ones.
+                before their first step are still an episode's first ones. Not in an endless game.
 
         Warns:
             UserWarning: at the first reset, where more than one layout in a hundred is invalid; the message has their
                 share and the placements to blame.
 
         Raises:
-            ValueError: a raw uint32 key, or params out of their bounds; at the first reset, no layout that is valid.
+            ValueError: a raw uint32 key, params out of their bounds, or `stagger` without a horizon; at the first
+                reset, no layout that is valid.
             MemoryError: more worlds than fit.
         """
         check_key("key", key)
-        stagger = check_bool("stagger", stagger)
+        if check_bool("stagger", stagger) and self.env.base.horizon is None:
+            raise ValueError("stagger: got True with horizon=None; takes False: an endless game has no ends to spread")
         params = self.env.default_params if params is None else params
         shared = self.shards.share(key), self._per_world(params), self.shards.share(np.asarray(stagger))
         states = self.run(self._reset, *shared)

@@ -54,7 +54,7 @@ class JaxEngine(MjxEngine):
         self._frame_with_jacobian = with_jacobian(self._frame, NO_GRADIENT)
 
     def _mjx_source(self, model: mujoco.MjModel) -> mujoco.MjModel:
-        moving = model.body_dofnum[model.geom_bodyid] > 0
+        moving = model.body_weldid[model.geom_bodyid] > 0
         cylinders, others = model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER, np.isin(model.geom_type, NO_CYLINDERS)
         if ((cylinders & moving).any() and others.any()) or (cylinders.any() and (others & moving).any()):
             raise ValueError(

@@ -39,7 +39,7 @@ class Rays:
         of_type = {kind: np.flatnonzero(model.geom_type == kind) for kind in (BOX, SPHERE, CYLINDER, MESH)}
         self._ids = {kind: ids for kind, ids in of_type.items() if len(ids)}
         order = np.concatenate([np.zeros(0, int), *self._ids.values()])
-        self._body = model.geom_bodyid[order]
+        self._body = model.body_rootid[model.geom_bodyid[order]]
         self._geom = order
         meshes = [int(model.geom_dataid[geom]) for geom in self._ids.get(MESH, ())]
         self._planes = _stacked([_hull_planes(model, mesh) for mesh in meshes])
@@ -54,7 +54,7 @@ class Rays:
             data: its state, with the poses that belong to it.
             origin: (n, 3) metres.
             direction: (n, m, 3) of unit length: m rays from every origin.
-            without: (n,) ids of the bodies that rays do not see: those that they come from.
+            without: (n,) ids of the bodies that rays do not see, nor what is inside these: those that they come from.
 
         Returns:
             (n, m) distances in metres, infinite where nothing is hit; (n, m) int32 ids of the geoms that were hit, -1

@@ -158,7 +158,7 @@ class QuadrantConfig(HideAndSeekConfig):
     floor_friction: NonNegativeRange | None = 0.2
     gear: PositiveRange = 90.0
     n_frames: PositiveCount = 15
-    horizon: PositiveCount = 80
+    horizon: PositiveCount | None = 80
     world_params: WorldParams = field(default_factory=lambda: WorldParams(gravity=-50.0))
     by: Annotated[str, OneOf(CATCHES)] = "vision"
     rew_type: Annotated[str, OneOf(REW_TYPES)] = "team_zero_sum"
@@ -193,7 +193,7 @@ class FullConfig(QuadrantConfig):
     n_rooms: PositiveCountRange = (1, 4)
     prob_outside_walls: FractionRange = 0.5
     wall_friction: NonNegativeRange | None = None
-    horizon: PositiveCount = 240
+    horizon: PositiveCount | None = 240
     lock: LockConfig | None = LockConfig(per_object=False, in_vision_only=True)
     rect: RectConfig | None = RectConfig((-6.0, -6.0, 12.0, 12.0), penalize_objects_out=False)
 

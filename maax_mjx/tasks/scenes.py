@@ -118,24 +118,24 @@ def over_the_wall(impl: str = "auto") -> Scene:
 
 def lock_and_return(impl: str = "auto") -> Scene:
     """An agent finds its way through six rooms to the box, locks it, and goes back where it began."""
-    env = make("lock_and_return", impl=impl, observations="raw")
+    env = make("lock_and_return", impl=impl, observations="raw", horizon=120)
 
     def act(state: State) -> dict[str, Any]:
         forces, parts = walking.lock_and_return(state, env)
         return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
-    return Scene(env, env.reset, act, env.base.horizon - 2)
+    return Scene(env, env.reset, act, 118)
 
 
 def blueprint(impl: str = "auto") -> Scene:
     """An agent carries boxes to construction sites, and locks them there; by forces, not bins."""
-    env = make("blueprint", impl=impl, observations="raw", n_bins=None)
+    env = make("blueprint", impl=impl, observations="raw", n_bins=None, horizon=150)
 
     def act(state: State) -> dict[str, Any]:
         forces, parts = building.blueprint(state, env)
         return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
-    return Scene(env, env.reset, act, env.base.horizon - 2)
+    return Scene(env, env.reset, act, 148)
 
 
 SCENES = {

@@ -117,7 +117,7 @@ class WorldConfig(Extensions):
     n_frames: PositiveCount = 1
     grid_size: GridSize = 30
     floor_size: FloorSize = 6.0
-    horizon: PositiveCount = 1000
+    horizon: PositiveCount | None = 1000
     impl: Annotated[str, OneOf(impls)] = "auto"
     world_params: WorldParams = field(default_factory=WorldParams)
     contacts_per_world: Contacts | None = None

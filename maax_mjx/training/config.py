@@ -34,7 +34,8 @@ class PPOConfig(Config):
         advantage: whether advantages are standardised per "team" or over "all" agents.
         stop_kl: approximate KL divergence of a minibatch beyond which an iteration makes no more updates; None never
             stops.
-        bootstrap: "end" if the horizon is the end of the game, "horizon" if it only cuts the episode off.
+        bootstrap: "end" if the horizon is the end of the game, "horizon" if it only cuts the episode off, which an
+            endless game does not take.
     """
 
     unroll: PositiveCount = 40

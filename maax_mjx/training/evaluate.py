@@ -167,14 +167,18 @@ def evaluate(
         The matches.
 
     Raises:
-        ValueError: an unknown opponent or team, or a policy that does not fit the game.
+        ValueError: an unknown opponent or team, a policy that does not fit the game, or a game without a horizon.
     """
     episodes = check_count("episodes", episodes, minimum=2)
     if env is None:
         if isinstance(policy, str) and policy in SCRIPTED:
             raise ValueError(f"env: got None with the scripted {policy!r}; takes an environment")
         env = player_of("policy", policy).make_env()  # type: ignore[union-attr]
-    check_environment(env)
+    if check_environment(env).base.horizon is None:
+        raise ValueError(
+            "env: got an endless game, horizon=None; takes one with a horizon, as whole episodes are compared: "
+            "make_env(horizon=1000), --env.horizon 1000"
+        )
     names = list(env.teams) if teams is None else [check_choice("teams", team, env.teams) for team in teams]
     if not names:
         raise ValueError("env: got one without teams; takes a game of teams")
@@ -280,6 +284,7 @@ class _Played(NamedTuple):
 def _play(worlds: Worlds, mine: Seated, other: Seated, slots: np.ndarray, seed: int) -> _Played:
     """Plays the first episode of every world, `mine` the agents of `slots` (n_agents,) bool."""
     env, n = worlds.env, worlds.n_worlds
+    assert env.base.horizon is not None  # `evaluate` refuses others.
     world_key, play_key = jax.random.split(jax.random.key(seed))
     keep = ("terminated", "truncated", "active", "episode_return", "metrics")
     _, kept = worlds.rollout(

@@ -84,6 +84,10 @@ class Trainer:
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
         seed = check_count("seed", seed, maximum=LONG)
         self.env = environment_of(game, self.config, env)
+        if self.env.base.horizon is None and self.config.ppo.bootstrap == "horizon":
+            raise ValueError(
+                "ppo.bootstrap: got 'horizon' for a game with horizon=None; takes 'end', which never comes"
+            )
         self.network = Network.of(self.env, self.config.net)
         self.worlds = Worlds(self.env, self.config.worlds, devices, keep_faults=keep_faults)
         check_divides(self.config, len(self.worlds.shards.devices))
@@ -122,7 +126,8 @@ class Trainer:
             self.folder.describe(about | {"begun_from": begun_from})
             self._keep_past()
         if self.states is None:
-            self.states = self.worlds.reset(jax.random.fold_in(start, self.iteration), stagger=True)
+            key, has_ends = jax.random.fold_in(start, self.iteration), self.env.base.horizon is not None
+            self.states = self.worlds.reset(key, stagger=has_ends)
             self.memory = self._fresh_memory()
         # Where the program leaves them, or its second run would compile it again.
         shards = self.worlds.shards

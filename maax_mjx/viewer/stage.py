@@ -56,7 +56,9 @@ class Stage:
         asked = {"vision": check_bool("vision", vision), "lidar": check_bool("lidar", lidar)}
         self._marks = marks_for(env, [sense for sense, wanted in asked.items() if wanted])
         self._slot_of = {
-            int(body): (module, slot) for module in self._base.movables for slot, body in enumerate(module.body_ids)
+            int(body): (module, int(slot))
+            for module in self._base.movables
+            for body, slot in zip(module.all_body_ids, module.slot_of_body, strict=True)
         }
         walls = [module for module in self._base.modules.values() if isinstance(module, WallScenarios)]
         self._walls = {int(geom) for module in walls for geom in module.geom_ids}

@@ -9,7 +9,8 @@ from typing import Annotated, NoReturn
 import mujoco
 import numpy as np
 
-from maax_mjx.common.annotated import Bounds, PositiveCount, check_fields
+from maax_mjx.common.annotated import Bounds, NonNegative, PositiveCount, check_fields
+from maax_mjx.worldgen.default_pose import KEYFRAME, with_default_poses
 from maax_mjx.worldgen.mark import CENTRE
 from maax_mjx.worldgen.material import Material
 from maax_mjx.worldgen.obj import Obj
@@ -18,7 +19,7 @@ from maax_mjx.worldgen.written import Written
 
 @dataclass(frozen=True)
 class WorldParams:
-    """Physics options of a world.
+    """Options of a world: its physics, and how a `WorldBuilder` places objects.
 
     Attributes:
         timestep: physics step in seconds, up to 0.1.
@@ -26,12 +27,16 @@ class WorldParams:
         iterations: Newton iterations per step. With ten, agents that push into a corner are ejected; with twenty they
             stay.
         ls_iterations: line-search iterations per Newton iteration.
+        placement_margin: metres that drawn places keep from other objects and from the edges of the placement, such as
+            those of the floor, along x or y. Given places (`placement_xy`) stay where they are. For what a
+            `WorldBuilder` places; a `maax.Base`, whose layouts are drawn on the device, takes 0.
     """
 
     timestep: Annotated[float, Bounds(0, 0.1, above=True, takes="a positive number of seconds, up to 0.1")] = 0.005
     gravity: Annotated[float, Bounds(-1000.0, 1000.0)] = -9.81
     iterations: PositiveCount = 20
     ls_iterations: PositiveCount = 20
+    placement_margin: NonNegative = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -81,16 +86,19 @@ class WorldBuilder(Obj):
     def to_spec(self) -> mujoco.MjSpec:
         """Runs the five phases and returns an uncompiled spec, equal at every call.
 
+        Where objects have default poses, the spec has a keyframe "start" with them: `mujoco.mj_resetDataKeyframe(model,
+        data, 0)` begins there.
+
         Raises:
             WorldFullError: an object does not fit.
-            ValueError: there is no floor, an object names a placement that its parent lacks, or two marks or two
-                different materials share a name.
+            ValueError: there is no floor, an object names a placement that its parent lacks, two marks or two different
+                materials share a name, or a default pose is of a joint that is not there or outside its range.
         """
         if not self.children:
             raise ValueError("WorldBuilder: got no floor; takes one before the spec, append(Floor())")
         root = self.children[0].obj
         root.assign_names(root.given_names())
-        root.generate(np.random.default_rng(self.seed))
+        root.generate(np.random.default_rng(self.seed), margin=self.params.placement_margin)
         root.locate(np.zeros(3))
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
@@ -102,6 +110,8 @@ class WorldBuilder(Obj):
         root.add_to_spec(spec, spec.worldbody)
         for transform in self._transforms:
             transform(Written.below(spec, spec.worldbody))
+        if poses := root.default_poses():
+            spec.add_key(name=KEYFRAME, qpos=with_default_poses(spec.copy().compile(), poses))
         return spec
 
     def to_mjcf(self) -> str:
@@ -113,6 +123,8 @@ class WorldBuilder(Obj):
     def to_xinit(self) -> dict[str, float | np.ndarray]:
         """Returns the initial qpos of every joint of the world that `to_spec` builds, by the joint's name.
 
+        It is the default pose of an object where that has one, else qpos0.
+
         Metres for slides, radians for hinges; (7,) for free joints: position in metres and unit quaternion, w first;
         (4,) for ball joints.
 
@@ -120,10 +132,12 @@ class WorldBuilder(Obj):
             ValueError: a joint has no name.
         """
         model = self.to_spec().compile()
+        start = model.key_qpos[0] if model.nkey else model.qpos0
         xinit: dict[str, float | np.ndarray] = {}
         for joint in map(model.joint, range(model.njnt)):
             if not joint.name:
                 body = model.body(model.jnt_bodyid[joint.id]).name
                 raise ValueError(f"to_xinit: got a joint without a name in body {body!r}; takes names for all")
-            xinit[joint.name] = joint.qpos0.copy() if len(joint.qpos0) > 1 else float(joint.qpos0[0])
+            qpos = start[joint.qposadr[0] :][: len(joint.qpos0)]
+            xinit[joint.name] = qpos.copy() if len(qpos) > 1 else float(qpos[0])
         return xinit

@@ -37,6 +37,10 @@ class Child:
     placement: str
     xy: tuple[float, float] | None
 
+    def keeps(self, margin: float, placement: Placement) -> float:
+        """Metres that the child keeps from the edges of its placement: none where its position is given."""
+        return margin if self.xy is None and not placement.stacked else 0.0
+
 
 class Obj:
     """A node of the object tree.
@@ -163,12 +167,13 @@ class Obj:
         own = Counter([self.name]) if self.name else Counter()
         return sum((child.obj.given_names() for child in self.children), own)
 
-    def generate(self, rng: np.random.Generator, room: np.ndarray = ANYTHING) -> None:
+    def generate(self, rng: np.random.Generator, room: np.ndarray = ANYTHING, margin: float = 0.0) -> None:
         """Runs phase 3: draws this object's size, then its children's placements, sizes and relative positions.
 
         Args:
             rng: generator of all draws.
-            room: (2,) metres, extents along x and y of the placement that holds this object.
+            room: (2,) metres, extents along x and y that the placement has for this object.
+            margin: metres that drawn positions keep from other children and from the edges of their placement.
 
         Raises:
             WorldFullError: a child does not fit into its placement.
@@ -178,10 +183,11 @@ class Obj:
         held_by = []
         for child in self.children:
             held_by.append(choose_placement(child.placement, self.placements, str(self.name), rng))
-            child.obj.generate(rng, self.placements[held_by[-1]].size[:2])
+            placement = self.placements[held_by[-1]]
+            child.obj.generate(rng, placement.size[:2] - 2 * child.keeps(margin, placement), margin)
         self._relative = [np.zeros(3)] * len(self.children)
         for name, placement in self.placements.items():
-            self._place([i for i, held in enumerate(held_by) if held == name], name, placement, rng)
+            self._place([i for i, held in enumerate(held_by) if held == name], name, placement, rng, margin)
 
     def locate(self, position: Vec3) -> None:
         """Runs phase 4: fixes the absolute position (m) of the lower corners of this object and all its descendants."""
@@ -203,6 +209,16 @@ class Obj:
             child.obj.add_to_spec(spec, written.body if child.obj.static else spec.worldbody)
 
     @property
+    def default_qpos(self) -> dict[str, np.ndarray]:
+        """The values of joints in which the object itself begins, by the joints' names in the world; after phase 2."""
+        return {}
+
+    def default_poses(self) -> dict[str, np.ndarray]:
+        """Returns `default_qpos` of this object and all its descendants."""
+        below = (child.obj.default_poses() for child in self.children)
+        return {name: qpos for poses in (self.default_qpos, *below) for name, qpos in poses.items()}
+
+    @property
     def centre(self) -> Vec3:
         """Absolute centre of the object's bounding box in metres, (3,); after phase 4."""
         return self.position + self.size / 2
@@ -215,17 +231,19 @@ class Obj:
         """Writes this object without its children, and returns what was written."""
         raise NotImplementedError
 
-    def _place(self, ids: list[int], name: str, placement: Placement, rng: np.random.Generator) -> None:
+    def _place(self, ids: list[int], name: str, placement: Placement, rng: np.random.Generator, margin: float) -> None:
         done: list[tuple[Vec3, Vec3]] = []
         height = 0.0
         # Given positions first, so that drawn ones avoid them.
         for i in sorted(ids, key=lambda i: self.children[i].xy is None):
             child = self.children[i]
-            free = placement.size - child.obj.size
+            edge = child.keeps(margin, placement)
+            free = placement.size - child.obj.size - [2 * edge, 2 * edge, 0.0]
             if (free < -TOLERANCE).any():
+                within = f" with a margin of {edge:g} m" if edge else ""
                 raise WorldFullError(
                     f"{child.obj.name} of size {child.obj.size} m is larger than {self.name}'s {name!r} of size "
-                    f"{placement.size} m"
+                    f"{placement.size} m{within}"
                 )
             span = np.maximum(free[:2], 0.0)
             if placement.stacked:
@@ -233,18 +251,27 @@ class Obj:
                 self._relative[i] = placement.origin + np.array([*xy, height])
                 height += 2 * max(child.obj.size[2], 1.0)
                 continue
-            xy = self._free_corner(child, span, done, rng, name)
+            xy = self._free_corner(child, span, done, rng, name, margin)
             done.append((xy, child.obj.size[:2]))
             self._relative[i] = placement.origin + np.array([*xy, 0.0])
 
     def _free_corner(
-        self, child: Child, span: Vec3, done: list[tuple[Vec3, Vec3]], rng: np.random.Generator, name: str
+        self,
+        child: Child,
+        span: Vec3,
+        done: list[tuple[Vec3, Vec3]],
+        rng: np.random.Generator,
+        name: str,
+        margin: float,
     ) -> Vec3:
         if child.xy is not None:
             return span * child.xy
         for _ in range(PLACEMENT_TRIES):
-            xy = span * rng.uniform(size=2)
+            xy = margin + span * rng.uniform(size=2)
             size = child.obj.size[:2]
-            if all(((xy >= p + s) | (p >= xy + size)).any() for p, s in done):
+            if all(((xy >= p + s + margin) | (p >= xy + size + margin)).any() for p, s in done):
                 return xy
-        raise WorldFullError(f"no room for {child.obj.name} in {self.name}'s {name!r} after {PLACEMENT_TRIES} tries")
+        kept = f" with a margin of {margin:g} m" if margin else ""
+        raise WorldFullError(
+            f"no room for {child.obj.name} in {self.name}'s {name!r}{kept} after {PLACEMENT_TRIES} tries"
+        )

@@ -24,7 +24,7 @@ class CriticObservations(ObservationWrapper):
     A policy's view and a critic's are two maskings of the same arrays: a policy sees what its `seen` masks show, the
     critic of all sees everything in play, and the critic of a team what any of the team sees. Adds, for critics only:
 
-    - `time_left` (n_agents, 1): share of the episode that is left, from 1 down to 0.
+    - `time_left` (n_agents, 1): share of the episode that is left, from 1 down to 0; of an endless game always 1.
     - `who_sees_whom` (n_agents, n_agents, n_agents), with `LineOfSight`: per observer, which agents (rows) see which
       (columns), both in the observer's circulant order: itself, i - 1, i - 2, ... A team's critic knows only its team's
       rows.
@@ -86,7 +86,7 @@ class CriticObservations(ObservationWrapper):
         return list(dict.fromkeys(one.seen for one in self.env.observed.values() if one.seen and one.columns))
 
 
-def time_left(state: State, horizon: int, n_agents: int) -> jax.Array:
-    """The share of the episode that is left, from 1 down to 0: (n_agents, 1)."""
-    left = jnp.maximum(1 - state.step / horizon, 0.0)
+def time_left(state: State, horizon: int | None, n_agents: int) -> jax.Array:
+    """The share of the episode that is left, from 1 down to 0, or 1 without a horizon: (n_agents, 1)."""
+    left = jnp.ones(()) if horizon is None else jnp.maximum(1 - state.step / horizon, 0.0)
     return jnp.full((n_agents, 1), left, jnp.float32)

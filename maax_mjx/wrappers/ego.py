@@ -57,7 +57,8 @@ class EgocentricObservations(ObservationWrapper):
     velocities are relative to the agent's, in its frame; yaw, as an angle or as cos and sin, becomes cos and sin of the
     turn relative to the agent. An agent's own columns are its place as a share of the floor, its heading as cos and
     sin, and its velocity in its own frame. Every column is divided by its scale; those with a unit are clipped at 5.
-    Adds `time_left` (n_agents, 1). Entities that are not in play are zero; masks stay as they are.
+    Adds `time_left` (n_agents, 1), which is always 1 in an endless game. Entities that are not in play are zero; masks
+    stay as they are.
 
     If a whole world is turned and shifted, only the `ABSOLUTE` columns change.
 

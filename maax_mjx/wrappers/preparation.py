@@ -29,7 +29,7 @@ class PreparationPhase(Wrapper):
 
     Args:
         env: environment to wrap.
-        prep_fraction: share of the episode, in [0, 1].
+        prep_fraction: share of the episode, in [0, 1]; 0 in an endless game.
         blind: whether seekers are also blind in the phase: their `LineOfSight` and `Lidar` observations are zero.
 
     Attributes:
@@ -37,7 +37,8 @@ class PreparationPhase(Wrapper):
         seekers: (n_agents,) bool, which agents wait in it.
 
     Raises:
-        ValueError: a fraction outside [0, 1]; `blind` without a sense inside, or whose observations were changed.
+        ValueError: a fraction outside [0, 1], or other than 0 of a game without a horizon; `blind` without a sense
+            inside, or whose observations were changed.
     """
 
     name = "preparation"
@@ -47,7 +48,12 @@ class PreparationPhase(Wrapper):
     def __init__(self, env: Environment, prep_fraction: float = 0.4, blind: bool = False):
         super().__init__(env)
         check_value("prep_fraction", prep_fraction, Fraction)
-        self.n_steps = ceil(round(prep_fraction * env.base.horizon, 9))
+        horizon = env.base.horizon
+        if horizon is None and prep_fraction:
+            raise ValueError(
+                f"prep_fraction: got {prep_fraction} with horizon=None; takes 0 there, as an endless game has no shares"
+            )
+        self.n_steps = ceil(round(prep_fraction * (horizon or 0), 9))
         self.seekers = self.inner(TeamMembership).of(SEEKERS)
         self._senses = [layer for layer in self.env.layers if layer.senses] if check_bool("blind", blind) else []
         if blind:

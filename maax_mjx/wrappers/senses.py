@@ -101,7 +101,7 @@ class LineOfSight(_Senses):
         return self.remember(super().blind(state, who), null_rows(state.mechanics[self.name], who))
 
     def observe(self, state: State) -> State:
-        bodies = np.concatenate([_bodies(m) for m in self.modules])
+        bodies, model = np.concatenate([_bodies(m) for m in self.modules]), self.base.model
         eyes, heading = self._eyes(state)
         corners = self.between == "corners"
         to = jnp.concatenate([_centres(m, state, of_geoms=corners) for m in self.modules]) - eyes[:, None]
@@ -111,7 +111,7 @@ class LineOfSight(_Senses):
         turn = jnp.mod(turn + jnp.pi, 2 * jnp.pi) - jnp.pi
         direction = to / jnp.maximum(away, 1e-6)[..., None]
         free, geom = self._rays.cast(state.world.fields, state.data, eyes, direction, self.base.agents.body_ids)
-        met = jnp.where(geom < 0, NO_BODY, jnp.asarray(self.base.model.geom_bodyid)[geom])
+        met = jnp.where(geom < 0, NO_BODY, jnp.asarray(model.body_rootid[model.geom_bodyid])[geom])
         reached = jnp.where(bodies == NO_BODY, free >= away, met == bodies)
         there = jnp.concatenate([state.world.active[m.kind] for m in self.modules])
         itself = bodies == self.base.agents.body_ids[:, None]

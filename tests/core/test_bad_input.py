@@ -152,6 +152,11 @@ CONSTRUCTION = {
     "timestep nan": (lambda: WorldParams(timestep=NAN), "timestep: got nan", POSITIVE),
     "timestep infinite": (lambda: WorldParams(timestep=float("inf")), "timestep: got inf", POSITIVE),
     "timestep string": (lambda: WorldParams(timestep="fast"), "timestep: got 'fast'", POSITIVE),
+    "margin on the device": (
+        lambda: standard(world_params=WorldParams(placement_margin=0.5)),
+        "placement_margin: got 0.5",
+        "takes 0 here",
+    ),
     "iterations": (lambda: WorldParams(iterations=0), "iterations: got 0", ONE),
     "iterations fraction": (lambda: WorldParams(iterations=1.5), "iterations: got 1.5", ONE),
     "ls_iterations": (lambda: WorldParams(ls_iterations=-2), "ls_iterations: got -2", ONE),

@@ -17,6 +17,7 @@ from PIL import Image, ImageSequence
 
 import maax_mjx as maax
 from maax_mjx.viewer.stage import Stage
+from maax_mjx.worldgen import Geom, Material
 
 N_STEPS = 30
 ANGLES = (0.4, 1.1)
@@ -135,9 +136,16 @@ def test_a_page_shows_it_swinging(game, monkeypatch):
 
 
 class Exhibits(maax.Module):
-    """A turned crate of two colours, one painted by its material, one that cannot be seen, and a marked body."""
+    """A turned crate of two colours, one painted by its material, one that cannot be seen, a marked body, a picture."""
 
     name = "exhibits"
+
+    def __init__(self, picture):
+        self.picture = picture
+
+    def build_step(self, floor, grid_size):
+        poster = Geom("box", (0.8, 0.8, 1.2), name="poster").mark_static()
+        floor.append(poster.set_material(Material(texture=self.picture)), placement_xy=(0.5, 0.1))
 
     def spec_step(self, spec):
         spec.add_texture(
@@ -158,10 +166,14 @@ class Exhibits(maax.Module):
 
 
 @pytest.fixture(scope="module")
-def exhibits():
+def exhibits(tmp_path_factory):
+    picture = tmp_path_factory.mktemp("pictures") / "halves.png"
+    Image.fromarray(np.repeat([[[255, 255, 0]], [[0, 255, 255]]], 32, axis=0).repeat(64, axis=1).astype(np.uint8)).save(
+        picture
+    )
     env = maax.Base(1, impl="c")
     env.add_module(maax.Agents(1))
-    env.add_module(Exhibits())
+    env.add_module(Exhibits(picture))
     return env, env.reset(seeds.key(0))
 
 
@@ -172,8 +184,17 @@ def test_colours_are_those_of_materials_and_textures(exhibits):
     assert "glass" not in parts
     assert parts["hedge"].shape.rgba == pytest.approx((0.1, 0.6, 0.1, 1.0))
     assert parts["crate"].shape.rgba == pytest.approx((0.5, 0.0, 0.5, 1.0), abs=0.01)
+    assert parts["poster"].shape.rgba == pytest.approx((0.5, 1.0, 0.5, 1.0), abs=0.01)
     assert frame.floor == pytest.approx((0.2, 0.2, 0.3, 1.0))
     np.testing.assert_allclose(parts["tip:site"].position, [4.5, 5.0, 0.3], atol=1e-3)
+
+
+def test_an_exported_world_finds_its_picture_from_anywhere(exhibits, monkeypatch, tmp_path):
+    env, state = exhibits
+    monkeypatch.chdir(tmp_path)
+    model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, state))
+    assert model.tex_data.tobytes() == env.model.tex_data.tobytes()
+    assert model.material("poster").texid.tolist() == env.model.material("poster").texid.tolist()
 
 
 @pytest.mark.parametrize("view", ["plan", "3d"])
@@ -185,9 +206,11 @@ def test_what_is_painted_is_in_the_pixels(exhibits, view):
     r, g, b = np.moveaxis(image, -1, 0)
     reds, blues = ((r > 90) & (g < 40) & (b < 40)).sum(), ((b > 90) & (g < 40) & (r < 40)).sum()
     both = ((r > 90) & (g < 40) & (b > 90)).sum()
+    yellows, cyans = (((g > 90) & (x > 90) & (y < 40)).sum() for x, y in ((r, b), (b, r)))
     if view == "3d":
         assert min(reds, blues) > 300
+        assert min(yellows, cyans) > 300, "the picture from the file"
     else:
-        assert max(reds, blues) < 20 < 700 < both
-    assert ((g > 1.5 * r) & (g > 1.5 * b)).sum() > 700, "the hedge"
+        assert max(reds, blues, yellows, cyans) < 20 < 700 < both
+    assert ((g > 1.5 * r) & (g > 1.5 * b) & (g > 60)).sum() > 700, "the hedge"
     assert ((b > r + 8) & (r < 80) & (g < 80) & (abs(r - g) < 8)).sum() > 30_000, "the floor"

@@ -133,6 +133,64 @@ def test_random_placement_avoids_given_places():
         assert overlapping_pairs(*compiled(builder)) == (0, False)
 
 
+def test_a_floor_of_two_lengths():
+    """Its plane, what lies on it, its marks and its export; a square one as before."""
+    builder = WorldBuilder(seed=seeds.seed(0))
+    floor = builder.append(Floor((2.0, 5.0)))
+    floor.mark("far_corner", (1, 1, 0))
+    for _ in range(8):
+        floor.append(Geom("box", (0.5, 0.4, 0.3)))
+    corner = floor.append(Geom("box", (0.4, 0.2, 0.3), name="corner"), placement_xy=(1.0, 1.0))
+    model = mujoco.MjModel.from_xml_string(builder.to_mjcf())
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    close(model.geom("floor").size[:2], [1, 2.5])
+    close(data.geom("floor").xpos, [1, 2.5, 0])
+    close(data.site("far_corner").xpos, [2, 5, 0])
+    close(corner.centre, [1.8, 4.9, 0.15])
+    centre, half = data.geom_xpos[1:, :2], model.geom_size[1:, :2]
+    assert (centre - half >= -1e-6).all()
+    assert (centre + half <= np.array([2, 5]) + 1e-6).all()
+    assert np.ptp(centre[:, 1]) > 2.5 > 2 > np.ptp(centre[:, 0])
+    assert Floor(3).edges.tolist() == Floor([3, 3.0]).edges.tolist() == [3, 3]
+    with pytest.raises(WorldFullError, match="wide"):
+        world(Geom("box", (3.0, 1.0, 0.5), name="wide"), size=(2.0, 5.0)).to_spec()
+
+
+def test_drawn_places_keep_the_margin():
+    """From each other, from given ones, and from the edges of the floor and of a table's top."""
+    margin, nearest = 0.3, []
+    for seed in SEEDS:
+        table = Geom("box", (2.0, 1.6, 0.4), name="table")
+        for _ in range(2):
+            table.append(Geom("box", (0.2, 0.2, 0.1)))
+        objects = [Geom("box", (0.2, 0.2, 0.2), (0.6, 0.6, 0.2)) for _ in range(4)]
+        builder = world(table, *objects, seed=seed, size=(6.0, 7.0), params=WorldParams(placement_margin=margin))
+        floor = builder.children[0].obj
+        given = floor.append(Geom("box", (0.5, 0.5, 0.5)), placement_xy=(0.0, 0.0))
+        model = builder.to_spec().compile()
+        close(given.position, 0)
+        for parent, drawn in ((floor, [table, *objects]), (table, [child.obj for child in table.children])):
+            low, high = (np.array([o.position[:2] + end * o.size[:2] for o in drawn]) for end in (0, 1))
+            edges = np.minimum(low - parent.position[:2], parent.position[:2] + parent.size[:2] - high)
+            everything = [*drawn, given] if parent is floor else drawn
+            gaps = [
+                np.maximum(a.position - b.position - b.size, b.position - a.position - a.size)[:2].max()
+                for i, a in enumerate(everything)
+                for b in everything[:i]
+            ]
+            assert min(gaps) >= margin - 1e-9
+            assert edges.min() >= margin - 1e-9
+            nearest.append((min(gaps), edges.min()))
+        assert model.nbody == 9
+    assert np.min(nearest, axis=0).max() < margin + 0.1
+    too_wide = Geom("box", (5.5, 0.5, 0.5), name="wide")
+    with pytest.raises(WorldFullError, match=r"^wide of size .* with a margin of 0.3 m"):
+        world(too_wide, params=WorldParams(placement_margin=margin)).to_spec()
+    with pytest.raises(WorldFullError, match=r"no room for box1 .* with a margin of 0.8 m"):
+        world(*(Geom("box", (2, 2, 1)) for _ in range(2)), params=WorldParams(placement_margin=0.8), size=5).to_spec()
+
+
 def test_full_worlds_are_refused():
     with pytest.raises(WorldFullError, match="huge"):
         world(Geom("box", (0.5, 3.1, 0.5), name="huge"), size=3).to_spec()
@@ -341,6 +399,10 @@ XML = '<mujoco><worldbody><body name="{}"><geom type="box" size=".1 .1 .1"/></bo
         (lambda: world().append(Floor()), "^obj"),
         (lambda: Floor(0.0), "^size"),
         (lambda: Floor(-1.0), "^size"),
+        (lambda: Floor((4.0, 0.0)), r"^size: got .4.0, 0.0.; takes a positive length in metres, or two"),
+        (lambda: Floor((4.0, 5.0, 6.0)), "^size: got .4.0, 5.0, 6.0.; takes"),
+        (lambda: Floor("wide"), "^size: got 'wide'; takes"),
+        (lambda: WorldParams(placement_margin=-0.1), "^placement_margin: got -0.1; takes a number of at least 0"),
         (lambda: Geom("cone", (1, 1, 1)), "^geom_type.*cone"),
         (lambda: Geom("box", (1, 1)), "^min_size"),
         (lambda: Geom("sphere", (1, 1)), "^min_size"),

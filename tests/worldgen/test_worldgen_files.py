@@ -8,7 +8,7 @@ import pytest
 from helpers import seeds
 from mujoco import mjx
 
-from maax_mjx.worldgen import Floor, Geom, ObjFromSTL, ObjFromXML, WorldBuilder, WorldFullError
+from maax_mjx.worldgen import Floor, Geom, ObjFromSTL, ObjFromXML, WorldBuilder, WorldFullError, remove_joints
 
 close = np.testing.assert_allclose
 # A cupboard of 1.2 x 0.6 x 1 m: its box is centred at (1, 2, 0.5) in the file, its body stands at the foot of that.
@@ -179,6 +179,92 @@ def test_bad_xml_files_are_named(tmp_path, old, new, match):
         ObjFromXML(tmp_path / "bad.xml")
     with pytest.raises(ValueError, match=r"^rgba"):
         ObjFromXML("agent", rgba=(1.0, 0.0, 0.0))
+
+
+# A gate that hangs on an arm with a ball joint.
+GATE = """<mujoco><compiler angle="degree"/><worldbody>
+  <body name="annotation:outer_bound"><geom type="box" size=".5 .5 .5"/></body>
+  <body name="main">
+    <joint name="x" type="slide" axis="1 0 0"/> <joint name="yaw" axis="0 0 1"/>
+    <geom name="main" size=".1"/>
+    <frame euler="0 0 90"><body pos=".2 0 0"><joint name="ball" type="ball"/><geom size=".05"/>
+      <body pos="0 0 .1"><joint name="gate" axis="0 1 0" range="-90 90"/>
+        <geom type="box" pos=".1 0 0" size=".1 .02 .05"/></body></body></frame>
+  </body>
+</worldbody></mujoco>"""
+
+
+def test_default_poses_are_where_a_world_begins(cupboard):
+    """In keyframe 0, in `to_xinit` and in the exported file; the pose is MuJoCo's own of that qpos."""
+    builder = WorldBuilder()
+    floor = builder.append(Floor())
+    key = '<keyframe><key name="own" qpos="1 1 1 0 0 0 1"/></keyframe></mujoco>'
+    gate = ObjFromXML(
+        GATE.replace("</mujoco>", key), "g", default_qpos={"gate": 0.5, "ball": (0, 2, 0, 0), "yaw": [np.pi / 2]}
+    )
+    floor.append(gate, placement_xy=(0.5, 0.5))
+    floor.append(ObjFromXML(CUPBOARD, "c", default_qpos={"hinge": -1.0}), placement_xy=(0.1, 0.1))
+    floor.append(cupboard("closed"), placement_xy=(0.9, 0.9))
+    loaded = mujoco.MjModel.from_xml_string(builder.to_mjcf())
+    for model in (builder.to_spec().compile(), loaded):
+        assert [model.key(i).name for i in range(model.nkey)] == ["start"]
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        mujoco.mj_forward(model, data)
+        wanted = {
+            "g:x": 3.0,
+            "g:yaw": np.pi / 2,
+            "g:ball": (0, 1, 0, 0),
+            "g:gate": 0.5,
+            "c:hinge": -1.0,
+            "closed:hinge": 0,
+        }
+        for name, qpos in wanted.items():
+            close(data.joint(name).qpos, qpos, atol=1e-5)
+        # The arm of the gate points to -x: up to the frame's y, turned by the yaw. The ball turns its z downwards.
+        close(data.body("g:body0").xpos - data.body("g").xpos, [-0.2, 0, 0], atol=1e-5)
+        close(data.body("g:body1").xpos - data.body("g:body0").xpos, [0, 0, -0.1], atol=1e-5)
+        turn = data.body("c:door").xmat.reshape(3, 3)
+        close(turn[:, 0], [np.cos(1), -np.sin(1), 0], atol=1e-5)
+        close(data.body("closed:door").xmat.reshape(3, 3), np.eye(3), atol=1e-5)
+    xinit = builder.to_xinit()
+    assert xinit.keys() == wanted.keys()
+    for name, qpos in wanted.items():
+        close(xinit[name], qpos, atol=1e-5)
+    assert on_floor(cupboard()).to_spec().compile().nkey == 0
+
+
+BAD_POSES = [
+    ({"door": 1.0}, r"got a value for 'door'; takes joints of the file, .*\['ball', 'gate', 'yaw'\]"),
+    ({"x": 1.0}, r"got a value for 'x'; takes joints of the file, except the slides"),
+    ({"gate": (1, 2)}, r"default_qpos\['gate'\]: got \(1, 2\); takes a number"),
+    ({"gate": "open"}, r"default_qpos\['gate'\]: got .*'open'.*; takes a number"),
+    ({"ball": 1.0}, r"default_qpos\['ball'\]: got 1.0; takes a quaternion"),
+    ({"ball": (0, 0, 0, 0)}, r"default_qpos\['ball'\]: got \(0, 0, 0, 0\); takes a quaternion"),
+    ([1.0], r"got \[1.0\]; takes a dict"),
+]
+
+
+@pytest.mark.parametrize(("pose", "match"), BAD_POSES)
+def test_bad_default_poses_are_named(pose, match):
+    with pytest.raises(ValueError, match=rf"^default_qpos.*{match}|^{match}"):
+        ObjFromXML(GATE, default_qpos=pose)
+
+
+def test_default_poses_that_a_world_cannot_have_are_named():
+    for change, match in [
+        (lambda gate: gate.mark_static(), "got gate of g, which is static; takes None"),
+        (
+            lambda gate: gate.add_transform(remove_joints("hinge", (0, 1, 0))),
+            "got a value for 'g:gate', which the world",
+        ),
+    ]:
+        gate = ObjFromXML(GATE, "g", default_qpos={"gate": 0.5})
+        change(gate)
+        with pytest.raises(ValueError, match=f"^default_qpos: {match}"):
+            on_floor(gate).to_spec()
+    with pytest.raises(ValueError, match=r"^default_qpos: got 2 for 'g:gate'; takes a value in its range \[-1.57"):
+        on_floor(ObjFromXML(GATE, "g", default_qpos={"gate": 2.0})).to_spec()
 
 
 TETRAHEDRON = np.array([[0, 0, 0], [0.6, 0, 0], [0, 0.4, 0], [0, 0, 0.3]]) + np.array([5.0, -3.0, 2.0])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import seeds
 from mujoco import mjx
+from PIL import Image
 
 from maax_mjx.worldgen import Floor, Geom, Material, ObjFromXML, Wedge, WorldBuilder
 
@@ -120,6 +121,73 @@ def test_worlds_with_materials_load_in_mujoco_and_mjx():
     assert (model.nmat, model.ntex) == (3, 2)
     close(model.material("g").texrepeat, [4, 2])
     assert mjx.make_data(mjx.put_model(model, impl="jax")).qpos.shape == (8,)
+
+
+def png(path, colours):
+    """A PNG file of 8 by 8 fields of one pixel each, (8, 8, channels), or with other sizes."""
+    Image.fromarray(np.asarray(colours, np.uint8)).save(path)
+    return path
+
+
+@pytest.mark.parametrize("texture_type", ["cube", "2d"])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_picture_from_a_file(tmp_path, monkeypatch, texture_type, channels):
+    """Its pixels are in the model, and in that of the exported file, wherever that is loaded."""
+    colours = seeds.rng(0).integers(0, 256, (8, 8, channels))
+    png(tmp_path / "Letters.PNG", colours)
+    monkeypatch.chdir(tmp_path)
+    material = Material("m", texture="Letters.PNG", texture_type=texture_type)
+    assert material == Material("m", texture=tmp_path / "Letters.PNG", texture_type=texture_type)
+    assert hash(material) == hash(material.resolve("box0"))
+    builder = world(box(material), box(material))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    for model in (builder.to_spec().compile(), mujoco.MjModel.from_xml_string(builder.to_mjcf())):
+        assert (model.ntex, model.nmat) == (1, 1)
+        close(pixels(model, "m")[:8] * 255, colours[..., :3])
+        close(model.geom("box0").rgba, 1)
+        assert model.geom_matid.tolist() == [-1, 0, 0]
+    assert mjx.put_model(model, impl="jax").nq == 8
+
+
+def test_a_picture_that_repeats_and_is_tinted(tmp_path):
+    path = png(tmp_path / "tiles.png", np.zeros((4, 12, 3)))
+    tiles = Material("m", (1, 0.5, 0.5, 1), path, texture_type="2d", repeat=(3, 2))
+    model = world(box(tiles)).to_spec().compile()
+    assert pixels(model, "m").shape == (4, 12, 3)
+    close(model.material("m").texrepeat, [3, 2])
+    close(model.material("m").rgba, [1, 0.5, 0.5, 1])
+
+
+def test_bad_pictures_are_named(tmp_path):
+    good = png(tmp_path / "good.png", np.zeros((8, 8, 3)))
+    wide = png(tmp_path / "wide.png", np.zeros((8, 9, 3)))
+    (tmp_path / "text.png").write_text("a picture of a cat")
+    (tmp_path / "cut.png").write_bytes(good.read_bytes()[:50])
+    (tmp_path / "empty.png").write_bytes(b"")
+    jpeg = png(tmp_path / "photo.jpg", np.zeros((8, 8, 3)))
+    jpeg.rename(tmp_path / "photo.png")
+    for name, match in [
+        ("missing.png", "which is no file; takes a PNG file"),
+        ("photo.png", "which holds no PNG image; takes"),
+        ("text.png", "which holds no PNG image; takes"),
+        ("empty.png", "which holds no PNG image; takes"),
+        ("cut.png", r"which MuJoCo refuses \(.*\); takes a whole PNG image"),
+        ("wide.png", r"which MuJoCo refuses \(.*\); takes .*'cube' a square one"),
+        ("good.tiff", "takes one of .*'checker'.*, or the path of a PNG file"),
+    ]:
+        with pytest.raises(ValueError, match=rf"^texture: got .*{name}'\)?[;,] {match}"):
+            Material("m", texture=tmp_path / name)
+    Material("m", texture=wide, texture_type="2d")
+    for options, match in [
+        ({"rgb1": RED}, "^rgb1: got .* without a texture of colours; takes None there"),
+        ({"random": True}, "^random: got True with a file as texture; takes False"),
+        ({"repeat": (2, 2)}, "^repeat.*2d"),
+    ]:
+        with pytest.raises(ValueError, match=match):
+            Material("m", texture=good, **options)
+    with pytest.raises(ValueError, match=r"^texture: got 7; takes one of"):
+        Material("m", texture=7)
 
 
 PLAIN = Material("m", (1, 1, 1, 1))

@@ -45,7 +45,7 @@ class BlueprintConfig(BoxesConfig):
     n_sites: Sites = (1, 4)
     site_middle: Share = 0.85
     wall_friction: NonNegativeRange | None = 0.01
-    horizon: PositiveCount = 150
+    horizon: PositiveCount | None = 150
     task: BlueprintRewardConfig = field(default_factory=BlueprintRewardConfig)
 
 

@@ -44,7 +44,7 @@ class LockAndReturnConfig(BoxesConfig):
     n_rooms: PositiveCountRange = 6
     n_boxes: Number = 1
     wall_friction: NonNegativeRange | None = None
-    horizon: PositiveCount = 120
+    horizon: PositiveCount | None = 120
     task: LockTaskConfig = LockTaskConfig(and_return=True)
 
 
@@ -64,7 +64,7 @@ class SequentialLockConfig(TransferConfig):
     n_ramps: Number = 3
     ramp_placement: Placements = ("room0", "room1", "room2")
     wall_friction: NonNegativeRange | None = None
-    horizon: PositiveCount = 120
+    horizon: PositiveCount | None = 120
     task: LockTaskConfig = LockTaskConfig(in_order=True)
 
 
@@ -92,7 +92,7 @@ class LockAllConfig(TransferConfig):
     n_boxes: Number = 2
     n_ramps: Number = 0
     wall_friction: NonNegativeRange | None = None
-    horizon: PositiveCount = 80
+    horizon: PositiveCount | None = 80
     lock: LockConfig = field(default_factory=lambda: LockConfig(lock_type="any_specific"))
     lidar: LidarConfig | None = None
     task: LockTaskConfig = LockTaskConfig(unlock=7.0, shaped=0.25)

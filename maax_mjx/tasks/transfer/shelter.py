@@ -45,7 +45,7 @@ class ShelterConfig(BoxesConfig):
     cylinder_middle: Share = 0.7
     sees_cylinder: bool = False
     wall_friction: NonNegativeRange | None = 0.01
-    horizon: PositiveCount = 240
+    horizon: PositiveCount | None = 240
     task: ShelterRewardConfig = field(default_factory=ShelterRewardConfig)
 
 

@@ -35,7 +35,8 @@ class Locks(struct.PyTreeNode):
         locked: (n_lockable,) bool, whether an object is locked.
         owner: (n_lockable,) int32, the agent that locked it; -1 for an unlocked object.
         last_owner: (n_lockable,) int32, the agent that locked it last, also once it is unlocked; 0 if nobody did.
-        pose: (n_lockable, 7) the qpos at which it was locked, padded with zeros.
+        pose: (n_lockable, 7) the qpos at which it was locked, padded with zeros; more columns where objects have joints
+            inside.
     """
 
     locked: jax.Array
@@ -65,8 +66,8 @@ class LockObjects(Wrapper):
         objects: names of the modules whose objects can be locked: "box", "ramp", "cylinder", or your own.
         lock_type: one of the lock types above.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
-        method: "equality" holds the pose with equality constraints, "joint_range" with closed joint ranges, which give
-            ten times as much.
+        method: "equality" holds the pose, and joints inside of objects, with equality constraints, "joint_range" with
+            closed joint ranges, which give ten times as much.
         per_object: whether agents choose objects by index; otherwise all within reach at once.
         in_vision_only: whether only agents that saw an object after the previous step count; needs `LineOfSight`.
         soft: whether locks are as soft as MuJoCo's constraints are by default, as in the published code: they give 4 mm
@@ -74,8 +75,8 @@ class LockObjects(Wrapper):
         action_name: name of the action; the struct in `state.mechanics` has it with an s: "locks".
 
     Raises:
-        ValueError: an unknown module, lock type or method, joint ranges of free joints, vision without `LineOfSight`,
-            objects that another wrapper locks already, or a name that is taken.
+        ValueError: an unknown module, lock type or method, joint ranges of free joints or of objects with joints
+            inside, vision without `LineOfSight`, objects that another wrapper locks already, or a name that is taken.
     """
 
     requires = (TeamMembership,)
@@ -122,7 +123,7 @@ class LockObjects(Wrapper):
     def begin(self, key: jax.Array, params: DomainParams) -> State:
         nobody = jnp.full(self.n_lockable, -1, jnp.int32)
         free = jnp.zeros(self.n_lockable, bool)
-        locks = Locks(free, nobody, jnp.zeros_like(nobody), jnp.zeros((self.n_lockable, 7)))
+        locks = Locks(free, nobody, jnp.zeros_like(nobody), jnp.zeros((self.n_lockable, self._slots.n_pose)))
         return self._observe(self.remember(self.env.begin(key, params), locks))
 
     def transition(self, state: State, action: dict[str, Any]) -> State:
