@@ -3,6 +3,7 @@
 BENCHMARKS = (
     "adapters",
     "breakdown",
+    "counting",
     "devices",
     "engines",
     "fidelity",

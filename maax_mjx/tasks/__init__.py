@@ -19,6 +19,7 @@ from maax_mjx.tasks.registry import check_game, config_of, jitted, make, registe
 from maax_mjx.tasks.standard import GameConfig, StandardConfig, WorldConfig, standard, world
 from maax_mjx.tasks.tag import TagConfig, tag
 from maax_mjx.tasks.transfer.blueprint import BlueprintConfig, blueprint
+from maax_mjx.tasks.transfer.counting import CountingConfig, object_counting
 from maax_mjx.tasks.transfer.locks import (
     LockAllConfig,
     LockAndReturnConfig,
@@ -41,12 +42,14 @@ register("blueprint", blueprint, BlueprintConfig)
 register("lock_all", lock_all, LockAllConfig)
 register("lock_and_return", lock_task, LockAndReturnConfig)
 register("lock_order", lock_all, LockOrderConfig)
+register("object_counting", object_counting, CountingConfig)
 register("sequential_lock", lock_task, SequentialLockConfig)
 register("shelter", shelter, ShelterConfig)
 
 __all__ = [
     "BlueprintConfig",
     "CaptureTheFlagConfig",
+    "CountingConfig",
     "FoodConfig",
     "FoodGameConfig",
     "FullConfig",
@@ -76,6 +79,7 @@ __all__ = [
     "lock_all",
     "lock_task",
     "make",
+    "object_counting",
     "observed_by_agents",
     "register",
     "shelter",

@@ -4,6 +4,7 @@ from maax_mjx.wrappers.actions import DiscretizeActions
 from maax_mjx.wrappers.blueprint import BlueprintReward
 from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
+from maax_mjx.wrappers.counting import ObjectCounting
 from maax_mjx.wrappers.critic import CriticObservations
 from maax_mjx.wrappers.ego import EgocentricObservations
 from maax_mjx.wrappers.extend import extended
@@ -58,6 +59,7 @@ __all__ = [
     "MaskObservations",
     "MaskPreparationAction",
     "MaskUnseenAction",
+    "ObjectCounting",
     "ObservationWrapper",
     "PreparationPhase",
     "RestrictAgentsRect",
