@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -22,9 +22,10 @@ import maax_mjx as maax
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import Roll, bare_roll, draw_actions, env_roll
-from maax_mjx.common.annotated import PositiveCount
+from maax_mjx.common.annotated import OneOf, PositiveCount
 from maax_mjx.common.checks import check_positive
 from maax_mjx.common.progress import progress
+from maax_mjx.tasks.standard import MAAX, OURS
 
 ROUNDS = 8
 """Turns of env steps and bare steps in one measurement."""
@@ -47,6 +48,7 @@ class Config(Options):
             is reset twice, the second time from a layout drawn on the way.
         held: for how many steps an action is held; 1 redraws it every step.
         contacts_per_world: room for contact points; the environment's own choice if left out.
+        preset: bodies of `standard`: "ours", or "maax" for those of the thesis's code; other games have only "ours".
     """
 
     env: tuple[str, ...] = ("standard",)
@@ -57,6 +59,7 @@ class Config(Options):
     horizon: PositiveCount = 1000
     held: tuple[PositiveCount, ...] = (1, 20)
     contacts_per_world: PositiveCount | None = None
+    preset: tuple[Annotated[str, OneOf((OURS, MAAX))], ...] = (OURS,)
 
     def check(self) -> None:
         super().check()
@@ -74,6 +77,7 @@ class Case:
     episodes: str
     steps: int
     horizon: int
+    preset: str = field(default=OURS, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -123,17 +127,20 @@ class Batch:
 
 def cases(config: Config) -> Iterator[Case]:
     """Cases; the protocols of a batch follow one another, since they compile once."""
-    for env, impl, n_worlds in product(config.env, config.impl, config.worlds):
+    for env, impl, n_worlds, preset in product(config.env, config.impl, config.worlds, config.preset):
         steps = max(ROUNDS, min(config.steps, int(config.max_world_steps) // n_worlds) // ROUNDS * ROUNDS)
         horizon = max(1, min(config.horizon, int(steps / EPISODES)))
         for held, episodes in product(config.held, (LOCKSTEP, STAGGERED)):
-            yield Case(env, impl, n_worlds, held, episodes, steps, horizon)
+            yield Case(env, impl, n_worlds, held, episodes, steps, horizon, preset=preset)
 
 
 @lru_cache(maxsize=1)
-def compiled(env: str, impl: str, n_worlds: int, steps: int, horizon: int, contacts_per_world: int | None) -> Batch:
+def compiled(
+    env: str, impl: str, n_worlds: int, steps: int, horizon: int, contacts_per_world: int | None, preset: str
+) -> Batch:
     """A batch whose rollouts of `steps` env steps are compiled."""
-    made = maax.make(env, impl=impl, horizon=horizon, contacts_per_world=contacts_per_world)
+    bodies = {} if preset == OURS else {"preset": preset}
+    made = maax.make(env, impl=impl, horizon=horizon, contacts_per_world=contacts_per_world, **bodies)
     worlds = maax.Worlds(made, n_worlds)
     begun = time.perf_counter()
     states = jax.block_until_ready(worlds.reset(jax.random.key(0)))
@@ -148,7 +155,8 @@ def compiled(env: str, impl: str, n_worlds: int, steps: int, horizon: int, conta
 
 def measure(case: Case, config: Config) -> Row:
     """Times env steps and bare steps in turns."""
-    batch = compiled(case.env, case.impl, case.worlds, case.steps, case.horizon, config.contacts_per_world)
+    room = config.contacts_per_world
+    batch = compiled(case.env, case.impl, case.worlds, case.steps, case.horizon, room, case.preset)
     worlds, base = batch.worlds, batch.worlds.env.base
     actions = draw_actions(worlds.env, case.worlds, case.held)
     states = worlds.reset(jax.random.key(0), stagger=case.episodes == STAGGERED)
@@ -156,7 +164,7 @@ def measure(case: Case, config: Config) -> Row:
     # The rollout that is given them frees them.
     del states
     spent = {"env": 0.0, "bare": 0.0}
-    named = f"{case.env} {case.impl} {case.worlds} {case.episodes} held {case.held}"
+    named = f"{case.env} {case.preset} {case.impl} {case.worlds} {case.episodes} held {case.held}"
     for steps in progress(jnp.arange(case.steps).reshape(ROUNDS, -1), desc=named, unit="turn", leave=False):
         for which, roll in batch.rolls.items():
             begun = time.perf_counter()
@@ -185,8 +193,9 @@ HEADER = "env                    impl   worlds   episodes  held       env/s     
 
 def line(row: Row) -> str:
     """A row of the table."""
+    named = row.env if row.preset == OURS else f"{row.env} ({row.preset})"
     return (
-        f"{row.env:22} {row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} {row.env_steps_per_s:11,.0f} "
+        f"{named:22} {row.impl:5} {row.worlds:7} {row.episodes:>10} {row.held:5} {row.env_steps_per_s:11,.0f} "
         f"{row.bare_steps_per_s:11,.0f} {row.ratio:6.2f} {row.physics_faults:6} {row.contact_overflows:8}"
     )
 

@@ -26,7 +26,7 @@ from maax_mjx.wrappers import ObjectCounting
 SCREENS = "screens"
 AGENT = (3.05, 5.35)
 """Metres; it looks towards low y, at yaw 0."""
-LANES = tuple(zip((1.6, 2.2, 2.8, 3.4, 4.0, 4.6), (-25.0, 25.0, -14.0, 14.0, -5.5, 5.5), strict=True))
+LANES = tuple(zip((1.6, 2.2, 2.8, 3.4, 4.0, 4.6), (-27.0, 27.0, -14.0, 14.0, -5.5, 5.5), strict=True))
 """How far ahead of the agent a box crosses, in metres, and where it stands at first, in degrees from straight ahead."""
 
 

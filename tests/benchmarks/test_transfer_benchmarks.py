@@ -1,0 +1,92 @@
+"""The benchmarks of what policies know in other tasks, at their smallest."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from helpers import seeds
+
+from maax_mjx import training
+from maax_mjx.benchmarks import counting, plots, transfer
+from maax_mjx.training import config
+
+STEPS = 1000
+
+
+def pretend(monkeypatch, gain):
+    """Training that writes metrics of what it would have learnt: 10 iterations of 100 steps, and one too many."""
+
+    def train(case, config, path):
+        path.mkdir(parents=True)
+        (path / "run.json").write_text(json.dumps({"conditions": {"devices": ["a GPU"]}}))
+        rows = [
+            {
+                "iteration": i, "steps": 100 * i, "seconds": 6.0 * i, "episodes": i - 1, "faults": 1,
+                "return_hiders": None if i == 1 else gain[case.begin] * i,
+            }
+            for i in range(1, 12)
+        ]  # fmt: skip
+        (path / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+    monkeypatch.setattr(transfer, "train", train)
+
+
+def test_runs_are_read_up_to_equal_samples(run, folder, monkeypatch):
+    """Returns count by their episodes; a run that has its steps is read and not trained again."""
+    pretend(monkeypatch, {transfer.SCRATCH: 1.0, "quadrant/ramps": 2.0})
+    options = {"env": ("blueprint",), "seeds": (0, 1), "steps": STEPS, "worlds": 4, "runs": folder / "runs"}
+    rows = run(transfer, folder / "transfer_cpu.json", **options)
+    assert [(row["begin"], row["seed"]) for row in rows] == [
+        (begin, seed) for seed in (0, 1) for begin in (transfer.SCRATCH, "quadrant/ramps")
+    ]
+    first, second = rows[:2]
+    assert first["curve"] == [[100 * i, i] for i in range(2, 11)], "nothing of the iteration after the steps"
+    assert first["final"] == 10.0
+    assert second["final"] == 20.0
+    assert (first["minutes"], first["devices"], first["faults"]) == (1.0, ["a GPU"], 1e4)
+    monkeypatch.setattr(transfer, "train", None)
+    assert run(transfer, folder / "again_cpu.json", **options)[0]["final"] == first["final"]
+    with pytest.raises(TypeError):
+        run(transfer, folder / "more_cpu.json", **options | {"steps": 5000})
+    picture = plots.draw(folder / "transfer_cpu.json", plots.FIGURES["transfer"])
+    assert picture.stat().st_size > 10_000
+
+
+def test_many_points_are_averaged_by_their_episodes():
+    points = [(i, 1.0 if i % 2 else 4.0, 2 if i % 2 else 1) for i in range(1, 4 * transfer.POINTS + 1)]
+    curve = transfer.curve_of(points)
+    assert len(curve) == transfer.POINTS
+    assert {y for _, y in curve} == {2.0}
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_classifier_reads_what_memories_know_and_nothing_else(known, run, folder, monkeypatch):
+    rng = seeds.rng(0)
+    left = rng.binomial(6, 0.5, 2048)
+    memories = rng.normal(0, 1, (2048, len(counting.ASKED), 12)).astype(np.float32)
+    if known:
+        memories[..., :7] += 4 * np.eye(7)[left][:, None]
+    monkeypatch.setattr(counting, "watched", lambda case, config: (memories, left))
+    (row,) = run(counting, folder / f"counting_{known}.json", begin=("random",), seeds=(0,), worlds=1024)
+    assert row["chance"] == pytest.approx(np.bincount(left[1024:]).max() / 1024, abs=1e-4)
+    if known:
+        assert row["accuracy"] > 0.9
+        assert row["off"] < 0.2
+    else:
+        assert row["accuracy"] < row["chance"] + 0.03
+    assert row["accuracy"] == pytest.approx(np.mean(list(row["by_step"].values())), abs=1e-3)
+
+
+@pytest.mark.slow
+def test_memories_are_those_of_frozen_weights(monkeypatch):
+    """Random ones differ by seed, and remember what was seen; equal ones watch the same."""
+    monkeypatch.setitem(config.PRESETS, "gpu", training.preset("gpu", {"net.hidden": 8, "net.width": 8}))
+    options = counting.Config(impl="c")
+    first, again, other = (counting.watched(counting.Case(counting.RANDOM, seed, 4), options) for seed in (0, 0, 1))
+    assert first[0].shape == (8, len(counting.ASKED), 16)
+    np.testing.assert_array_equal(first[0], again[0])
+    assert np.abs(first[0] - other[0]).max() > 0.01
+    assert ((first[1] >= 0) & (first[1] <= 6)).all()
+    assert np.ptp(first[0], axis=0).max() > 1e-3, "worlds are told apart"
