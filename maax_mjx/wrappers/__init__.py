@@ -1,7 +1,7 @@
 """Wrappers: the rules of games, observations, actions and rewards."""
 
 from maax_mjx.wrappers.actions import DiscretizeActions
-from maax_mjx.wrappers.blueprint import BlueprintReward
+from maax_mjx.wrappers.blueprint import BlueprintReward, BoxCorners
 from maax_mjx.wrappers.capture_the_flag import CaptureTheFlag
 from maax_mjx.wrappers.contact import AgentAgentContactMask2D
 from maax_mjx.wrappers.counting import ObjectCounting
@@ -40,6 +40,7 @@ __all__ = [
     "AgentAgentContactMask2D",
     "AlwaysEat",
     "BlueprintReward",
+    "BoxCorners",
     "CaptureTheFlag",
     "ConcatenateObservations",
     "CriticObservations",

@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 
 from maax_mjx.common.annotated import Bounds, NonNegative, Positive, check_value
+from maax_mjx.common.observed import POSITION, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.modules import Boxes, ConstructionSites
 from maax_mjx.modules.sites import CORNERS
 from maax_mjx.physics.rotation import rotate
-from maax_mjx.wrappers.wrapper import Wrapper
+from maax_mjx.wrappers.wrapper import ObservationWrapper, Wrapper
 
 Steepness = Annotated[float, Bounds(-1000, 0)]
 
@@ -27,6 +28,34 @@ def box_corners(boxes: Boxes, state: State) -> jax.Array:
     offset = jnp.pad(flat, ((0, 0), (0, 0), (0, 1)))
     quat = jnp.broadcast_to(state.data.xquat[boxes.body_ids][:, None], (*offset.shape[:-1], 4))
     return state.data.xpos[boxes.body_ids][:, None] + rotate(quat, offset)
+
+
+class BoxCorners(ObservationWrapper):
+    """Adds `box_corner_pos` (n_boxes, 4, 3): the corners of boxes at half their height, in metres (Baker et al.).
+
+    They move and turn with the boxes, in the order of those of `ConstructionSites`; absent boxes are zero.
+
+    Args:
+        env: environment to wrap, with `Boxes`.
+
+    Raises:
+        ValueError: no boxes.
+    """
+
+    name = "box_corners"
+
+    def __init__(self, env: Environment):
+        super().__init__(env)
+        self.boxes = self.module_of(Boxes)
+
+    def observation(self, state: State) -> dict[str, jax.Array]:
+        there = state.world.active[self.boxes.kind][:, None, None]
+        corners = jnp.where(there, box_corners(self.boxes, state), 0.0)
+        return state.obs | {f"{self.boxes.kind}_corner_pos": corners}
+
+    def declared(self) -> dict[str, Observed]:
+        corners = Observed((self.boxes.kind, "corner"), POSITION)
+        return self.env.declared() | {f"{self.boxes.kind}_corner_pos": corners}
 
 
 class BlueprintReward(Wrapper):

@@ -79,6 +79,13 @@ def test_corners_are_where_the_boxes_are():
     for w in range(0, N, 7):
         there = np.asarray(states.world.active["box"][w])
         np.testing.assert_allclose(np.asarray(found[w])[there], seen(states, w)[1], atol=1e-5)
+    observing = maax.BoxCorners(env)
+    observed = jax.vmap(observing.observation)(states)["box_corner_pos"]
+    there = np.asarray(states.world.active["box"])
+    np.testing.assert_array_equal(np.asarray(observed)[there], np.asarray(found)[there])
+    assert not np.asarray(observed)[~there].any()
+    assert (~there).any()
+    assert maax.SplitObservations(observing).observation_space["box_corner_pos"].shape == (1, 5, 4, 3)
 
 
 def test_sites_are_where_the_published_placement_puts_them():

@@ -37,6 +37,17 @@ def test_spaces_contain_what_one_agent_observes(observations, observe):
         assert not [name for name in columns if name.startswith("agent_qpos_qvel[")], "nobody else is in it"
 
 
+TRANSFER = ("lock_and_return", "sequential_lock", "blueprint", "shelter", "object_counting", "lock_all")
+
+
+@pytest.mark.parametrize("game", TRANSFER)
+def test_transfer_tasks_are_observed_in_every_mode(game):
+    for observations, observe in (("raw", "self"), ("flat", "all"), ("ego", "team")):
+        env = maax.make(game, impl="c", observations=observations, observe=observe)
+        arrays = {name: np.zeros(one.shape, one.dtype) for name, one in env.state_shape.obs.items()}
+        assert env.observation_space.contains(arrays), (observations, observe)
+
+
 def test_a_crowd_of_none_is_padded():
     split = alone("split")
     padded = maax.SpoofEntities(split, 3, ["agent_qpos_qvel", "box_obs"], ["agent_mask", "box_mask"])
