@@ -36,6 +36,8 @@ from maax_mjx.worldgen import Floor, Geom
 
 OUTER_HEIGHT, INNER_HEIGHT = 4.0, 0.5
 """Metres."""
+BACKING = 1.0
+"""Metres by which outer walls reach beyond the floor, in the physics and not in pictures."""
 OUTER = ("walls", "limits", "none")
 WAY = 0.32
 """Metres of opening that agents of 0.3 m can pass."""
@@ -223,7 +225,8 @@ class WallScenarios(Module):
             scenario=which,
             closed=closed,
         )
-        pos, half = _box_geometry(rects, jnp.asarray(self._heights), mask)
+        backed = rects.at[: self.n_outer].set(_backed(rects[: self.n_outer], layout.grid.cell * g))
+        pos, half = _box_geometry(backed, jnp.asarray(self._heights), mask)
         fields = layout.fields
         if self.n_walls:
             fields = set_boxes(fields, self.geom_ids, half)
@@ -352,6 +355,17 @@ def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float,
     if len(given) != n or not all(v >= 0 for v in given) or not abs(sum(given) - 1) <= 1e-6:
         raise ValueError(f"probabilities: got {values!r}; takes {n} of at least 0 that sum to 1, one per scenario")
     return tuple(given)
+
+
+def _backed(rects: jax.Array, edge: jax.Array) -> jax.Array:
+    """Returns outer walls (n, 4) as the physics has them: they reach `BACKING` beyond the floor on all of its sides.
+
+    What is pressed deeper into a wall than to its middle leaves it on the other side.
+    """
+    low, high = rects[:, :2], rects[:, 2:]
+    low = jnp.where(low < 1e-3 * edge, low - BACKING, low)
+    high = jnp.where(high > (1 - 1e-3) * edge, high + BACKING, high)
+    return jnp.concatenate([low, high], axis=1)
 
 
 def _box_geometry(rects: jax.Array, heights: jax.Array, mask: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -121,6 +121,7 @@ class Stage:
             paint = paint._replace(rgba=marked.tinted(module.kind, slot, paint.rgba))
         elif geom in self._walls:
             role, paint = "wall", Paint(WALL)
+            position, size = _on_the_floor(position, size, float(state.world.plan.floor_size))
             if position[2] + size[2] > 2 * CUT:
                 role, paint = "high_wall", Paint(HIGH_WALL)
                 position, size = np.append(position[:2], CUT / 2), np.append(size[:2], CUT / 2)
@@ -203,6 +204,12 @@ class Stage:
                 words += f"   sum {_numbers(returns, members, each)}"
             text.append(words)
         return text
+
+
+def _on_the_floor(position: np.ndarray, size: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
+    """The part of a wall that stands on the floor: its position and half extents."""
+    low, high = np.maximum(position[:2] - size[:2], 0.0), np.minimum(position[:2] + size[:2], edge)
+    return np.append((low + high) / 2, position[2]), np.append((high - low) / 2, size[2])
 
 
 def _rounded(size: Sequence[float] | np.ndarray) -> tuple[float, ...]:
