@@ -100,14 +100,12 @@ def turning_place(here: jax.Array, within: jax.Array, things: Footprints, radius
 
 def footprints(state: State, env: Environment, kinds: tuple[str, ...]) -> Footprints:
     """Returns the footprints of all objects of some kinds; those that are absent are nothing."""
-    modules = [env.base.modules[kind] for kind in kinds]
-    at = jnp.concatenate([state.data.qpos[m.qpos_ids[:, :2]] for m in modules])  # type: ignore[attr-defined]
-    yaw = jnp.concatenate([state.data.qpos[m.qpos_ids[:, 3]] for m in modules])  # type: ignore[attr-defined]
-    half = [
-        jnp.where(state.world.active[m.kind][:, None], m.extents_of(state.world)[:, :2] / 2, 0.0)  # type: ignore[attr-defined]
-        for m in modules
+    modules = env.base.objects(kinds)
+    at = jnp.concatenate([state.data.qpos[m.qpos_ids[:, :2]] for m in modules])
+    yaw = jnp.concatenate([state.data.qpos[m.qpos_ids[:, 3]] for m in modules])
+    halves = [
+        jnp.where(state.world.active[m.kind][:, None], m.extents_of(state.world)[:, :2] / 2, 0.0) for m in modules
     ]
-    halves = [jnp.broadcast_to(x, (m.n_max, 2)) for x, m in zip(half, modules, strict=True)]  # type: ignore[attr-defined]
     return Footprints(at, jnp.concatenate(halves), jnp.stack([jnp.cos(yaw), jnp.sin(yaw)], axis=1))
 
 

@@ -135,7 +135,7 @@ def sequential_lock(state: State, env: Environment, agent: int = 0) -> tuple[jax
     """
     check_sequential_lock(env)
     task, holds = task_of(env, LockTask, "sequential_lock"), task_of(env, GrabObjects, "sequential_lock")
-    plan, boxes, ramps = state.world.plan, task.module, env.base.modules["ramp"]
+    plan, boxes, ramps = state.world.plan, task.module, env.base.objects(("ramp",))[0]
     agents, locked = env.base.agents, state.mechanics["locks"].locked
     here, height = jnp.split(state.data.qpos[agents.qpos_ids[agent, :3]], [2])
     rooms = plan.rooms * (plan.floor_size / env.base.grid_size)
@@ -158,7 +158,8 @@ def sequential_lock(state: State, env: Environment, agent: int = 0) -> tuple[jax
     turn = off[chosen] - jnp.sign(off[chosen]) * jnp.pi / 2
     turn = jnp.where(jnp.abs(off[chosen]) > STEEP, turn, 0.0)
     ramp = Ramp(ramp_at[chosen], ups[chosen], turn, without(things, number == it))
-    first = sum(m.n_max for m in holds.modules[: [m.kind for m in holds.modules].index(ramps.kind)])
+    kinds = [m.kind for m in holds.modules for _ in range(m.n_max)]
+    first = kinds.index(ramps.kind)
     holding = state.mechanics[holds.name].held[agent] == first + chosen
     in_hand_leads = _leads(wall, rooms[mine], ramp.at, ramp.up, off[chosen], TIGHT)
     placed = jnp.where(holding, in_hand_leads, leads[chosen])
@@ -262,12 +263,13 @@ def check_sequential_lock(env: Environment) -> None:
         ValueError: an environment without `LockTask`, or without ramps that can be grabbed and locked.
     """
     task_of(env, LockTask, "sequential_lock")
-    for wrapper in (GrabObjects, LockObjects):
-        if not any(m.kind == "ramp" and m.n_max for m in task_of(env, wrapper, "sequential_lock").modules):
+    grabs, locks = task_of(env, GrabObjects, "sequential_lock"), task_of(env, LockObjects, "sequential_lock")
+    for modules in (grabs.modules, locks.modules):
+        if not any(m.kind == "ramp" and m.n_max for m in modules):
             raise ValueError("sequential_lock: got a game without ramps that can be grabbed and locked; takes ramps")
 
 
-def _leads(wall: Wall, room: jax.Array, at: jax.Array, up: jax.Array, off: jax.Array, slack: jax.Array) -> jax.Array:
+def _leads(wall: Wall, room: jax.Array, at: jax.Array, up: jax.Array, off: jax.Array, slack: np.ndarray) -> jax.Array:
     """Whether ramps at places (..., 2) that rise in a direction (..., 2), off by (...) radians, lead over a wall."""
     away = jnp.abs(wall.line - at @ jnp.abs(wall.across))
     top = (at + TOP * up) @ jnp.abs(wall.across[::-1])

@@ -21,7 +21,7 @@ from maax_mjx.tasks.carrying import (
     without,
     wrapped,
 )
-from maax_mjx.tasks.walking import face, next_step, task_of, walk
+from maax_mjx.tasks.walking import CELLS, face, next_step, task_of, walk, ways
 from maax_mjx.wrappers import GrabObjects, LockObjects, ShelterReward
 from maax_mjx.wrappers.enclosure import Footprints, walls_of
 
@@ -41,6 +41,10 @@ SLOW = 0.5
 """Metres per second below which it does so."""
 NO_ROOM, AHEAD = 20.0, 0.7
 """Metres that it walks rather than to go where a metre of room is missing, and metres by which it looks ahead."""
+FAR = 20.0
+"""Metres that count for what cannot be reached."""
+EDGE = 0.33
+"""Metres from the floor's edges that an agent's middle keeps."""
 WALL, REACH = 0.15, 0.25
 """Metres from the floor's edges to the faces of walls, and from an agent's middle within which it locks."""
 LEFT = 0.25
@@ -124,7 +128,7 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     """
     check_shelter(env)
     task = task_of(env, ShelterReward, "shelter")
-    agents, boxes = env.base.agents, env.base.modules["box"]
+    agents, boxes = env.base.agents, env.base.objects(("box",))[0]
     here = state.data.qpos[agents.qpos_ids[agent, :2]]
     middle = state.data.geom_xpos[task.cylinders.geom_ids[0], :2]
     places = ring(middle, task.starts[:, :2], state.world.plan.floor_size)
@@ -136,11 +140,11 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     open_ = places.there & ~(fits & (numbers != held)).any(axis=1)
     free = jnp.where(holding, numbers == held, ~placed & (things.half > 0).all(axis=1))
     possible = open_[:, None] & free & (places.is_long[:, None] == _is_long(things))
-    place, box = _next(state, places, things, middle, here, possible, holding)
+    cylinder = _disc(middle, state.world.extents[task.cylinders.kind][0, 0] / 2)
+    place, box = _next(state, places, things, yaw, middle, here, possible, holding, cylinder)
     is_done = ~possible.any()
 
-    radius = state.world.extents[task.cylinders.kind][0, 0] / 2
-    others, cylinder = without(things, numbers == box), _disc(middle, radius)
+    others = without(things, numbers == box)
     it = Box(things.centre[box], yaw[box], things.half[box], joined(others, cylinder))
     goal, out = places.at[place], places.out[place]
     fetch, at_grip = _fetch(state, env, agent, it, out, joined(things, cylinder))
@@ -175,14 +179,25 @@ def _fits(places: Ring, things: Footprints, yaw: jax.Array, slack: np.ndarray) -
 
 
 def _next(
-    state: State, places: Ring, things: Footprints, middle: jax.Array, here: jax.Array, possible: jax.Array,
-    holding: jax.Array,
+    state: State, places: Ring, things: Footprints, yaw: jax.Array, middle: jax.Array, here: jax.Array,
+    possible: jax.Array, holding: jax.Array, cylinder: Footprints,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """The place and the box that come next: near ones, those that are in the way first, then long ones."""
     to = things.centre - middle
     turn = jnp.abs(wrapped(places.out[:, None] - jnp.arctan2(to[:, 1], to[:, 0])))
     is_out = jnp.linalg.norm(to, axis=1) > INNER + 0.7
-    cost = 2.0 * is_out + 1.2 * turn + jnp.linalg.norm(things.centre - here, axis=1) + 1.5 * ~_is_long(things)
+    plan = state.world.plan
+    far = ways(plan, here, joined(things, cylinder))
+    normals, _, depth = jax.vmap(_sides, (0, 0, None))(yaw, things.half, jnp.zeros(()))
+    is_side = jnp.isfinite(depth)
+    grips = things.centre[:, None] + jnp.where(is_side, depth + BESIDE + 0.05, 0.0)[..., None] * normals
+    cells = jnp.clip((grips / (plan.floor_size / CELLS)).astype(jnp.int32), 0, CELLS - 1)
+    walk_there = jnp.where(is_side, far[cells[..., 0], cells[..., 1]], jnp.inf).min(axis=1)
+    cost = 2.0 * is_out + 1.2 * turn + jnp.minimum(walk_there, FAR) + 1.5 * ~_is_long(things)
+    # What is in hand goes where it is turned already.
+    beyond = jnp.einsum("nij,nj->ni", normals, here - things.centre) - depth
+    direction = yaw + jnp.argmax(beyond, axis=1) * (jnp.pi / 2)
+    cost += holding * jnp.abs(wrapped(places.out[:, None] - direction))
     # Some chance, which ends what leads nowhere.
     chance = jax.random.uniform(jax.random.fold_in(state.key, state.step // PATIENCE), (len(to),))
     cost += 50.0 * ((chance < LEFT) & ~holding)
@@ -190,13 +205,13 @@ def _next(
     return place, box
 
 
-def _sides(box: Box, out: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _sides(yaw: jax.Array, half: jax.Array, out: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The sides where a box is taken hold of, outside in the ring: normals (4, 2), radians to turn (4,), depths (4,).
 
     Depths are from the box's middle, and infinite for the ends of long boxes.
     """
-    directions = box.yaw + jnp.arange(4) * (jnp.pi / 2)
-    depth = jnp.tile(box.half, 2)
+    directions = yaw + jnp.arange(4) * (jnp.pi / 2)
+    depth = jnp.tile(half, 2)
     depth = jnp.where(depth > CUBE, jnp.inf, depth)
     return jnp.stack([jnp.cos(directions), jnp.sin(directions)], axis=1), wrapped(out - directions), depth
 
@@ -206,7 +221,7 @@ def _fetch(
 ) -> tuple[jax.Array, jax.Array]:
     """Forces (3,) of an agent that goes where it can take hold of a box, and whether it is there."""
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
-    normals, turns, depth = _sides(box, out)
+    normals, turns, depth = _sides(box.yaw, box.half, out)
     grips = box.at + jnp.where(jnp.isfinite(depth), depth + BESIDE, 0.0)[:, None] * normals
     missing = jnp.maximum(0.17 - box.things.clearance(grips), 0)
     missing += jnp.maximum(0.17 - walls_of(state.world.plan).clearance(grips), 0)
@@ -223,11 +238,13 @@ def _carry(
 ) -> jax.Array:
     """Forces (3,) of an agent that brings a box before its place, and in; it turns away from what is fixed."""
     here, plan = state.data.qpos[env.base.agents.qpos_ids[agent, :2]], state.world.plan
-    normals, turns, depth = _sides(box, out)
+    normals, turns, depth = _sides(box.yaw, box.half, out)
     turn = turns[jnp.argmax(normals @ (here - box.at) - depth)]
     u, to_goal = jnp.stack([jnp.cos(out), jnp.sin(out)]), box.at - goal
     in_line = (jnp.abs(turn) < 0.2) & (jnp.abs(to_goal @ jnp.array([-u[1], u[0]])) < 0.1) & (to_goal @ u > -0.15)
-    before = jnp.clip(goal + BEFORE * u, 0.5, plan.floor_size - 0.5)
+    stand = goal + (jnp.min(box.half) + BESIDE) * u
+    left = jnp.where(u > 0, plan.floor_size - EDGE - stand, stand - EDGE) / jnp.maximum(jnp.abs(u), 1e-3)
+    before = goal + jnp.clip(left.min(), 0.0, BEFORE) * u
     to, straight = next_step(plan, box.at, before, in_hand(box.things, plan, here - box.at, GROW))
     to = jnp.where(straight, to, to / jnp.maximum(jnp.linalg.norm(to), 1e-6) * AHEAD)
     floor = jnp.concatenate([jnp.full(2, WALL), jnp.full(2, plan.floor_size - WALL)])

@@ -210,9 +210,9 @@ def test_a_script_locks_and_returns():
 
 @pytest.mark.slow
 def test_a_script_goes_over_walls_to_lock_boxes_in_their_order():
-    """As published but for forces instead of bins: all four in three of twelve worlds or more; SHARE.
+    """As published but for forces instead of bins: all four in three of twelve worlds or more; it was 71 % of 128.
 
-    In most worlds it is in another room by then than where it began, through no door; without ramps it stays.
+    In most worlds it gets into another room than where it began, through no door.
     """
     scene = scenes.sequential_lock("c")
     env, n = scene.env, 12
