@@ -25,7 +25,7 @@ from maax_mjx.tasks.walking import CELLS, face, next_step, task_of, walk, ways
 from maax_mjx.wrappers import GrabObjects, LockObjects, ShelterReward
 from maax_mjx.wrappers.enclosure import Footprints, walls_of
 
-INNER = 1.1
+INNER = 1.15
 """Metres from the cylinder's middle to the inner faces of boxes: all eight close a ring there, with a little room."""
 LONG, THIN, CUBE = 1.65, 0.15, 0.5
 """Metres of the boxes."""
@@ -37,8 +37,8 @@ BESIDE = 0.18
 """Metres from a box's face to the middle of an agent that takes hold there."""
 BEFORE = 0.6
 """Metres further away from which a box goes straight to its place."""
-SLOW = 0.5
-"""Metres per second below which it does so."""
+CAREFUL = 1.5
+"""Metres per second at most beside the boxes that are there."""
 NO_ROOM, AHEAD = 20.0, 0.7
 """Metres that it walks rather than to go where a metre of room is missing, and metres by which it looks ahead."""
 FAR = 20.0
@@ -152,8 +152,7 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     carry = _carry(state, env, agent, it, goal, out, joined(without(others, ~placed), cylinder))
 
     stuck = is_stuck(state, env, agent)
-    is_slow = jnp.linalg.norm(state.data.qvel[agents.qvel_ids[agent, :2]]) < SLOW
-    gives_up = (stuck & (state.step % 4 == 0)) | (is_slow & (state.step % PATIENCE == 0))
+    gives_up = (stuck & (state.step % 4 == 0)) | (state.step % PATIENCE == 0)
     keeps = ~close[place, box] & ~(stuck & fits[place, box]) & ~gives_up
     grab = ~is_done & jnp.where(holding, keeps, at_grip)
     forces = jnp.where(is_done, 0.0, jnp.where(holding, carry, fetch))
@@ -251,7 +250,8 @@ def _carry(
     sweep = jnp.where(box.half.max() > CUBE, 0.95, 0.8)
     pivot = turning_place(here, floor, fixed, sweep)
     onward = jnp.where(in_line, goal, box.at + to)
-    return bring(state, env, agent, box.at, onward, turn, jnp.asarray(FASTEST), pivot)
+    fastest = jnp.where(in_line, CAREFUL, FASTEST)
+    return bring(state, env, agent, box.at, onward, turn, fastest, pivot)
 
 
 def check_shelter(env: Environment) -> None:
