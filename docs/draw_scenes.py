@@ -15,7 +15,6 @@ from maax_mjx.tasks.scenes import SCENES
 
 SECONDS = 5
 """Longest gif; longer plays are shown faster."""
-FPS = 20
 SIZE = (440, 360)
 """Pixels, width and height."""
 
@@ -28,12 +27,14 @@ class Config:
         scene: which plays to draw.
         impl: the engine.
         seed: of the worlds.
+        fps: frames per second.
         out: folder for the gifs, named after their scenes.
     """
 
     scene: tuple[str, ...] = tuple(SCENES)
     impl: str = "auto"
     seed: int = 0
+    fps: int = 20
     out: Path = Path(__file__).parent / "results"
 
 
@@ -47,7 +48,7 @@ def main(config: Config) -> None:
         n_steps = int(ends[0]) + 1 if ends.size else scene.n_steps
         states = jax.tree.map(lambda x, n=n_steps: x[:n], states)
         speed = max(1.0, n_steps * scene.env.base.dt / SECONDS)
-        maax.video(scene.env, states, config.out / f"{name}.gif", size=SIZE, fps=FPS, speed=speed)
+        maax.video(scene.env, states, config.out / f"{name}.gif", size=SIZE, fps=config.fps, speed=speed)
 
 
 if __name__ == "__main__":

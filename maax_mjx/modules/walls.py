@@ -225,7 +225,7 @@ class WallScenarios(Module):
             scenario=which,
             closed=closed,
         )
-        backed = rects.at[: self.n_outer].set(_backed(rects[: self.n_outer], layout.grid.cell * g))
+        backed = rects.at[: self.n_outer].set(_backed(rects[: self.n_outer], cell, g))
         pos, half = _box_geometry(backed, jnp.asarray(self._heights), mask)
         fields = layout.fields
         if self.n_walls:
@@ -357,14 +357,15 @@ def _check_probabilities(values: Sequence[float] | None, n: int) -> tuple[float,
     return tuple(given)
 
 
-def _backed(rects: jax.Array, edge: jax.Array) -> jax.Array:
-    """Returns outer walls (n, 4) as the physics has them: they reach `BACKING` beyond the floor on all of its sides.
+def _backed(rects: jax.Array, cell: jax.Array, grid_size: int) -> jax.Array:
+    """Returns outer walls (n, 4), which stand in the cells at the edge, as they reach `BACKING` beyond the floor.
 
     What is pressed deeper into a wall than to its middle leaves it on the other side.
     """
     low, high = rects[:, :2], rects[:, 2:]
-    low = jnp.where(low < 1e-3 * edge, low - BACKING, low)
-    high = jnp.where(high > (1 - 1e-3) * edge, high + BACKING, high)
+    edge = cell * grid_size
+    low = jnp.where(low < cell, -BACKING, low)
+    high = jnp.where(high > edge - cell, edge + BACKING, high)
     return jnp.concatenate([low, high], axis=1)
 
 

@@ -13,7 +13,7 @@ from maax_mjx.core.state import State
 from maax_mjx.layout import Layout
 from maax_mjx.layout.grid import within
 from maax_mjx.layout.placement import requires_quadrant
-from maax_mjx.tasks import building, scripted, walking
+from maax_mjx.tasks import building, climbing, scripted, sheltering, walking
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LockConfig
 from maax_mjx.tasks.registry import make
 
@@ -138,12 +138,41 @@ def blueprint(impl: str = "auto") -> Scene:
     return Scene(env, env.reset, act, 148)
 
 
+def sequential_lock(impl: str = "auto") -> Scene:
+    """An agent locks four boxes in their order, and gets over walls to them by ramps; by forces, not bins."""
+    env = make("sequential_lock", impl=impl, observations="raw", n_bins=None)
+
+    def act(state: State) -> dict[str, Any]:
+        forces, parts = climbing.sequential_lock(state, env)
+        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+    return Scene(env, env.reset, act, env.base.horizon - 2)
+
+
+def shelter(impl: str = "auto", horizon: int = 480) -> Scene:
+    """An agent puts boxes around a cylinder; by forces, not bins, and by default in twice the published time.
+
+    Args:
+        impl: name of the engine.
+        horizon: in env steps.
+    """
+    env = make("shelter", impl=impl, observations="raw", n_bins=None, horizon=horizon)
+
+    def act(state: State) -> dict[str, Any]:
+        forces, parts = sheltering.shelter(state, env)
+        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+    return Scene(env, env.reset, act, horizon - 2)
+
+
 SCENES = {
     "catch": catch,
     "closed_door": closed_door,
     "over_the_wall": over_the_wall,
     "lock_and_return": lock_and_return,
     "blueprint": blueprint,
+    "sequential_lock": sequential_lock,
+    "shelter": shelter,
 }
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks import scripted, scripted_players, walking
+from maax_mjx.tasks import climbing, scripted, scripted_players, sheltering, walking
 from maax_mjx.wrappers import CaptureTheFlag, GrabObjects, LockObjects, LockTask, Tag
 from maax_mjx.wrappers.wrapper import find
 
@@ -85,6 +85,18 @@ def _lock_and_return(env: Environment, state: State, key: jax.Array) -> Any:
     return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
 
+def _sequential_lock(env: Environment, state: State, key: jax.Array) -> Any:
+    """The agent goes over ramps to the boxes, and locks them in their order."""
+    forces, parts = climbing.sequential_lock(state, env)
+    return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+
+def _shelter(env: Environment, state: State, key: jax.Array) -> Any:
+    """The agent puts boxes around the cylinder."""
+    forces, parts = sheltering.shelter(state, env)
+    return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+
+
 def _tag(env: Environment, state: State, key: jax.Array) -> Any:
     """Who is it chases, the others flee."""
     return scripted.to_action(env, scripted_players.tag(state, env))
@@ -119,6 +131,8 @@ SCRIPTED: dict[str, Scripted] = {
     "still": Scripted("still", _still),
     "chase": Scripted("chase", _chase),
     "lock_and_return": Scripted("lock_and_return", _lock_and_return, _has_lock_task),
+    "sequential_lock": Scripted("sequential_lock", _sequential_lock, climbing.check_sequential_lock),
+    "shelter": Scripted("shelter", _shelter, sheltering.check_shelter),
     "tag": Scripted("tag", _tag, _has_tag),
     "capture_the_flag": Scripted("capture_the_flag", _capture_the_flag, _has_flags),
     "close_door": Scripted("close_door", _close_door, _can_close_doors),

@@ -37,7 +37,7 @@ class ShelterReward(RewardWrapper):
 
     def __init__(self, env: Environment, rays_per_side: int = 25, scale: float = 0.001):
         super().__init__(env)
-        self._cylinders = self.module_of(StaticCylinders)
+        self.cylinders = self.module_of(StaticCylinders)
         self.rays_per_side = int(check_value("rays_per_side", rays_per_side, PositiveCount))
         self.scale = float(check_value("scale", scale, NonNegative))
         self.starts = _starts(self.rays_per_side, self.base.floor_size, self.base.grid_size)
@@ -52,12 +52,12 @@ class ShelterReward(RewardWrapper):
 
     def reaching(self, state: State) -> jax.Array:
         """Which rays get to which cylinder: (4 * rays_per_side, n_cylinders) bool; none to an absent one."""
-        geoms = self._cylinders.geom_ids
+        geoms = self.cylinders.geom_ids
         to = state.data.geom_xpos[geoms] - self.starts[:, None]
         direction = to / jnp.linalg.norm(to, axis=-1, keepdims=True)
         nobody = np.full(len(self.starts), NO_BODY)
         _, met = self._rays.cast(state.world.fields, state.data, jnp.asarray(self.starts), direction, nobody)
-        return (met == geoms) & state.world.active[self._cylinders.kind]
+        return (met == geoms) & state.world.active[self.cylinders.kind]
 
 
 def _starts(n: int, floor_size: float, grid_size: int) -> np.ndarray:
