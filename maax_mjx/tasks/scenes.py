@@ -140,13 +140,14 @@ def blueprint(impl: str = "auto") -> Scene:
 
 def sequential_lock(impl: str = "auto") -> Scene:
     """An agent locks four boxes in their order, and gets over walls to them by ramps; by forces, not bins."""
-    env = make("sequential_lock", impl=impl, observations="raw", n_bins=None)
+    horizon = 120
+    env = make("sequential_lock", impl=impl, observations="raw", n_bins=None, horizon=horizon)
 
     def act(state: State) -> dict[str, Any]:
         forces, parts = climbing.sequential_lock(state, env)
         return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
-    return Scene(env, env.reset, act, env.base.horizon - 2)
+    return Scene(env, env.reset, act, horizon - 2)
 
 
 def shelter(impl: str = "auto", horizon: int = 480) -> Scene:
