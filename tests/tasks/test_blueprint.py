@@ -81,6 +81,7 @@ def test_corners_are_where_the_boxes_are():
         np.testing.assert_allclose(np.asarray(found[w])[there], seen(states, w)[1], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_sites_are_where_the_published_placement_puts_them():
     """Nowhere else, and everywhere there."""
     for share in (0.25, 0.7, 0.85, 1.0):

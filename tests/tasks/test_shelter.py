@@ -107,6 +107,7 @@ def test_only_the_lidar_tells_of_the_cylinder():
     assert any("cylinder" in name for name in env_of().observed)
 
 
+@pytest.mark.slow
 def test_rays_go_to_every_cylinder_and_to_none_that_is_absent():
     base = maax.Base(1, impl="c")
     for module in (maax.WallScenarios("empty"), maax.StaticCylinders((0, 2), 0.5), maax.Agents(1)):
