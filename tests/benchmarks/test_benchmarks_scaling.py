@@ -53,7 +53,6 @@ def test_ants_follow_plain_mujoco():
     np.testing.assert_allclose(batch.positions(state)[2], data.qpos, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_scaling_is_resumed(run_tiny, folder, capsys, monkeypatch):
     # A world that compiles fast.
     config = maax.StandardConfig(scenario="empty", n_hiders=1, n_seekers=0, n_boxes=0, n_ramps=0, impl="c")
