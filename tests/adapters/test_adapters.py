@@ -19,9 +19,11 @@ import maax_mjx as maax
 from maax_mjx import adapters, training
 from maax_mjx.adapters import rows
 from maax_mjx.adapters.agents import PerAgent
+from maax_mjx.training.network import Network
 
 HORIZON = 6
-SMALL = {"n_boxes": 1, "n_ramps": 0, "impl": "c", "horizon": HORIZON, "prep_fraction": 0.0}
+OPEN = {"scenario": "empty", "p_door_dropout": 0.0, "box_placement": "uniform", "n_boxes": 1, "impl": "c"}
+SMALL = OPEN | {"n_ramps": 0, "lidar": None, "rect": None, "horizon": HORIZON, "prep_fraction": 0.0}
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,13 @@ def env():
 
 @pytest.fixture(scope="module")
 def worlds(env):
+    """Of vectors, so that what adapters make of them are these worlds, compiled once for all tests."""
+    return maax.Worlds(PerAgent(env).env, 4, donate=False)
+
+
+@pytest.fixture(scope="module")
+def ego(env):
+    """Of observations per agent, of which adapters make vectors themselves."""
     return maax.Worlds(env, 4, donate=False)
 
 
@@ -105,7 +114,7 @@ def test_pettingzoo_has_who_is_in_play_and_what_the_environment_says(env):
 
 
 @pytest.mark.slow
-def test_dicts_of_arrays_are_in_their_spaces(env, worlds):
+def test_dicts_of_arrays_are_in_their_spaces(env, ego):
     """Of PettingZoo's world, which is drawn as well, and of a batch, whose options are checked."""
     pytest.importorskip("pettingzoo")
     world = adapters.pettingzoo(env, flat=False)
@@ -113,7 +122,7 @@ def test_dicts_of_arrays_are_in_their_spaces(env, worlds):
     assert all(world.observation_space(name).contains(seen) for name, seen in observed.items())
     assert "who_sees_whom" not in observed["hider_0"], "what is for critics alone"
     assert world.render().shape == (480, 640, 3)
-    envs = adapters.gymnasium_vector(worlds, flat=False)
+    envs = adapters.gymnasium_vector(ego, flat=False)
     obs, _ = envs.reset(seed=seeds.seed(0), options={"stagger": True})
     assert envs.observation_space.contains(obs)
     with pytest.raises(ValueError, match=r"options: got \['reset_mask'\]; takes 'stagger'"):
@@ -134,14 +143,14 @@ def test_supersuit_takes_it(env):
 
 
 @pytest.mark.slow
-def test_a_vector_env_is_the_worlds(env, worlds):
+def test_a_vector_env_is_the_worlds(worlds, ego):
     """With the same actions, rows are the agents of the worlds; at ends they have what was observed last."""
-    envs = adapters.gymnasium_vector(worlds)
+    envs = adapters.gymnasium_vector(ego)
     assert envs.num_envs == 16
     assert envs.observation_space.shape == (16, *envs.single_observation_space.shape)
     obs, infos = envs.reset(seed=seeds.seed(1))
     of = envs.rows.of
-    twin = maax.Worlds(of.env, 4)
+    twin = worlds
     states = twin.reset(jax.random.split(jax.random.key(seeds.seed(1)))[1])
     for i in range(HORIZON + 1):
         np.testing.assert_array_equal(obs, np.reshape(states.obs["obs"], (16, -1)))
@@ -207,10 +216,11 @@ def test_others_are_played_by_a_policy_whose_memory_begins_with_the_episode(worl
 
 
 @pytest.mark.slow
-def test_a_trained_policy_plays_the_others(tmp_path):
+def test_a_trained_policy_plays_the_others(env, tmp_path):
     """It reads the arrays beside the vectors; one of another game is refused. Faults are kept as worlds keep them."""
-    policy = training.Policy.load("quadrant/chase")
-    worlds = maax.Worlds(policy.make_env(impl="c", n_boxes=1), 2, keep_faults=tmp_path)
+    network = Network.of(env, training.NetConfig(encoder="pool", core="lstm", width=8, heads=2, hidden=8))
+    policy = training.Policy(network, network.draw(seeds.key(0)))
+    worlds = maax.Worlds(env, 2, keep_faults=tmp_path)
     envs = adapters.gymnasium_vector(worlds, "hiders", policy)
     obs, _ = envs.reset(seed=0)
     assert envs.rows.worlds.faults() == []

@@ -21,8 +21,9 @@ REST = 5
 def env():
     """Bins, locks and grabs; the second seeker is in play in half of the episodes."""
     return maax.make(
-        "hide_and_seek_quadrant", observations="ego", impl="c", n_boxes=1, n_ramps=0, n_seekers=(1, 2), horizon=HORIZON,
-        prep_fraction=0.0, n_frames=2,
+        "hide_and_seek_quadrant", observations="ego", impl="c", scenario="empty", p_door_dropout=0.0,
+        box_placement="uniform", n_boxes=1,
+        n_ramps=0, lidar=None, rect=None, n_seekers=(1, 2), horizon=HORIZON, prep_fraction=0.0, n_frames=2,
     )  # fmt: skip
 
 

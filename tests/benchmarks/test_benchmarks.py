@@ -76,6 +76,7 @@ def test_worlds_to_load():
     ]
 
 
+@pytest.mark.slow
 def test_layouts(run, tmp_path):
     (row,) = run(layouts, tmp_path / "layouts_c.json", worlds=(4,), rounds=2, steps=2, bare=True)
     assert (row["impl"], row["scene"], row["worlds"], row["layouts_invalid"]) == ("c", "M", 4, 0)
@@ -83,6 +84,7 @@ def test_layouts(run, tmp_path):
     assert row["bare_ratio"] > 0
 
 
+@pytest.mark.slow
 def test_step(run, tmp_path):
     """A row for each case, in the order of the cases."""
     rows = run(step, tmp_path / "step_c.json", env=("tiny",), impl=("c",), worlds=(2,), steps=16, held=(1, 20))

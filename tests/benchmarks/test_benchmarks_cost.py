@@ -41,6 +41,7 @@ def run_twice(run):
     return twice
 
 
+@pytest.mark.slow
 def test_fidelity(run_twice, folder):
     options = dict(impl=("c",), iterations=(20, 1), worlds=8, steps=40, every=5)
     rows = run_twice(fidelity, folder / "fidelity_c.json", **options)
@@ -53,6 +54,7 @@ def test_fidelity(run_twice, folder):
     assert full["reference_ejected"] == full["faulty_worlds"] == 0
 
 
+@pytest.mark.slow
 def test_breakdown(run_twice, folder):
     (row,) = run_twice(breakdown, folder / "breakdown_c.json", env=("tiny",), worlds=(4,), traced=4, steps=4, horizon=4)
     parts = row["parts_us"]
@@ -63,6 +65,7 @@ def test_breakdown(run_twice, folder):
     assert parts["vision"] == parts["unnamed"] == 0
 
 
+@pytest.mark.slow
 def test_memory(run_twice, folder, monkeypatch):
     # What is measured is a step's memory, not its doing: another compilation of the physics would tell no more.
     monkeypatch.setattr(maax.Worlds, "step_fn", lambda self, states, action: states.replace(step=states.step + 1))
@@ -83,6 +86,7 @@ def test_first_step(run_twice, tmp_path, monkeypatch):
     assert (row["step_s"], row["total_s"]) == ([4, 0], [10, 6])
 
 
+@pytest.mark.slow
 def test_pictures(folder, capsys):
     """Of what the tests above measured."""
     plots.main(plots.Config(folder))

@@ -11,6 +11,7 @@ from datetime import date
 from importlib import import_module
 
 import pytest
+from matplotlib.figure import Figure
 
 from maax_mjx import benchmarks
 from maax_mjx.benchmarks import plots, record
@@ -166,7 +167,10 @@ def test_committed_results_are_rows_of_their_benchmark(path):
 
 
 @pytest.mark.slow
-def test_committed_results_are_drawn(tmp_path, capsys):
+def test_committed_results_are_drawn(tmp_path, capsys, monkeypatch):
+    """With few dots, which take most of the time."""
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, dpi: save(self, path, dpi=20))
     for path in RESULTS:
         shutil.copy(path, tmp_path)
     for path in record.RESULTS.glob("runs/*/metrics.jsonl"):

@@ -204,6 +204,7 @@ def started_rollout(folder, until, *options):
     return process
 
 
+@pytest.mark.slow
 def test_sheet_of_worlds(tmp_path, capsys):
     main(
         [

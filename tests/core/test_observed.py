@@ -60,6 +60,7 @@ def test_what_is_not_private_is_seen_of_others_in_circulant_order():
     equal(obs["fuel"], [[13, 12, 11], [10, 13, 12], [11, 10, 13], [12, 11, 10]])
 
 
+@pytest.mark.slow
 def test_flat_observations_hide_what_is_not_seen_and_name_their_columns():
     split = maax.make("hide_and_seek_quadrant", impl="c", observations="split")
     flat = maax.make("hide_and_seek_quadrant", impl="c", observations="flat")

@@ -46,6 +46,7 @@ def test_looking_at_a_space_seals_nothing():
     assert "box_lock" not in env.observation_space.spaces
 
 
+@pytest.mark.slow
 def test_a_module_can_be_added_after_a_look():
     env = maax.make("standard", impl="c", n_ramps=0)
     before = env.base.model.nbody
@@ -56,6 +57,7 @@ def test_a_module_can_be_added_after_a_look():
     assert env.reset(key(0)).data.qpos.size == env.base.model.nq
 
 
+@pytest.mark.slow
 def test_two_locks_with_rules_of_their_own():
     env = maax.LineOfSight(world(n_boxes=1, n_ramps=1))
     env = maax.LockObjects(env, objects=("box",), lock_type="any", radius=100.0)
@@ -76,6 +78,7 @@ def test_two_locks_with_rules_of_their_own():
     assert {"boxes_locked", "ramps_locked"} <= set(stats)
 
 
+@pytest.mark.slow
 def test_copies_share_nothing_and_behave_alike():
     env = maax.make("hide_and_seek", impl="c", grab=maax.GrabConfig(), n_boxes=2)
     twin = copy.deepcopy(env)

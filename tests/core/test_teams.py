@@ -31,6 +31,7 @@ def test_every_game_names_its_teams(name, fields, teams, agents):
     assert len({team.colour for team in env.teams.values()}) == len(teams)
 
 
+@pytest.mark.slow
 def test_numbers_of_teams_are_ranges():
     env = maax.make("tag", impl="c", teams={"players": (2, 5)}, agent_placement={"players": "uniform"})
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(key(0), 200))
@@ -84,6 +85,7 @@ def test_bad_input(make, says):
         make()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fields", "seekers"), [({"n_hiders": 0}, [0, 1]), ({"n_seekers": 0}, [])])
 def test_a_side_alone_is_still_that_side(fields, seekers):
     """Seekers without hiders do not become the first team, which hides."""

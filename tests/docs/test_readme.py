@@ -31,6 +31,7 @@ def test_block(name, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(registry, "_TASKS", dict(registry._TASKS))
     monkeypatch.setattr(scenarios, "_SCENARIOS", dict(scenarios._SCENARIOS))
+    monkeypatch.setattr(render, "GIF_FPS", 4)
     for library in ("stable_baselines3", "torch", "jaxmarl", "brax"):
         if re.search(rf"^(import|from) {library}\b", BLOCKS[name], re.MULTILINE):
             pytest.importorskip(library)  # too large to install for one block

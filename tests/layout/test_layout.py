@@ -314,6 +314,7 @@ def crowded():
     return env
 
 
+@pytest.mark.slow
 def test_a_layout_that_is_too_full_is_contained(crowded, batch_reset, batch_step):
     env = crowded
     state = batch_reset(env, jax.random.split(seeds.key(0), 64), env.default_params.replace(n_boxes=6))
@@ -337,6 +338,7 @@ def test_a_layout_that_is_too_full_is_contained(crowded, batch_reset, batch_step
         assert np.isfinite(np.asarray(leaf, float)).all()
 
 
+@pytest.mark.slow
 def test_a_layout_that_did_not_fit_is_drawn_again(crowded, batch_reset, monkeypatch):
     keys, params = jax.random.split(seeds.key(0), 64), crowded.default_params.replace(n_boxes=3)
     state = batch_reset(crowded, keys, params)

@@ -109,6 +109,7 @@ def crowded(rng, tries):
             return n
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_drawn_anew_with_its_counts():
     """Fewer of many are left, as many as in NumPy; without tries, counts stay as they were drawn."""
     counts = {}
@@ -139,6 +140,7 @@ def test_tries_that_are_none(make, tries):
 # --- doorways --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_only_cells_of_doorways_are_free_as_well():
     """The same worlds from the same keys, but for these cells."""
     taken, doors = [], None
@@ -167,6 +169,7 @@ def test_only_cells_of_doorways_are_free_as_well():
         np.testing.assert_array_equal(world, want)
 
 
+@pytest.mark.slow
 def test_what_may_start_in_doorways_starts_there():
     """Agents that ask for the line of the quadrant's walls find places in its doors alone, or none."""
 

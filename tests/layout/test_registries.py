@@ -87,6 +87,7 @@ def solid(rects):
     return out
 
 
+@pytest.mark.slow
 def test_a_scenario_of_ones_own_is_played():
     room = maax.room_placement
     env = maax.make("hide_and_seek", impl="c", scenario="cross", hider_placement=room(3), seeker_placement=room(0))
@@ -114,6 +115,7 @@ def test_no_door_lies_where_walls_cross():
     assert (plan.doors[:, 0, 1] > middle).any()
 
 
+@pytest.mark.slow
 def test_a_quadrant_of_ones_own():
     """Doors drop out of it and things go into it, also beside another scenario."""
     placement = [maax.quad_placement, maax.outside_quad_placement]
@@ -130,6 +132,7 @@ def test_a_quadrant_of_ones_own():
     assert not inside[:, 1].any()
 
 
+@pytest.mark.slow
 def test_doors_that_may_be_missing_have_a_mask():
     obs = drawn(base("sometimes")).obs
     assert set(obs["door_mask"].ravel()) == {False, True}

@@ -397,6 +397,7 @@ def test_cylinders_can_be_pushed(zoo, batch_step):
     assert (np.linalg.norm(np.asarray(states.data.qpos)[:, ids] - start, axis=-1) > 0.1).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_static_cylinders_stand_fast(batch_step):
     """Agents at full force come up to them, and no further.
 

@@ -45,6 +45,7 @@ def uniform(x, low, high):
     return stats.kstest(x, "uniform", (low, high - low)).pvalue > P_MIN
 
 
+@pytest.mark.slow
 def test_sizes_frictions_and_places(env, drawn):
     ids, there = env.modules["static_cylinder"].geom_ids, drawn.world.active["static_cylinder"]
     assert set(there.sum(axis=1)) == {1, 2}

@@ -166,6 +166,7 @@ def test_too_much_for_the_memory(env, start, monkeypatch, impl, told, late):
     assert ("MEM_FRACTION" in str(refused.value)) == (impl == "warp")
 
 
+@pytest.mark.slow
 def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
     states, others = rolled[0], {"params": {"w": jnp.arange(3.0)}, "key": seeds.key(5), "n": jnp.asarray(7)}
     checkpoints = maax.Checkpoints(tmp_path / "run", keep=2)

@@ -256,6 +256,7 @@ def rollout(brief):
     return worlds, jax.jit(lambda states, moves: jax.lax.scan(body, states, moves))
 
 
+@pytest.mark.slow
 def test_scan_equals_the_loop(rollout, moves, run):
     worlds, scan = rollout
     moves = moves[:, :, :1]
@@ -361,6 +362,7 @@ def test_stagger_spreads_the_ends(many, run):
         assert (states.episode_length[ends[t]] == t + 1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("horizon", [1, 2])
 def test_all_worlds_at_once_when_nothing_is_drawn_ahead(brief, horizon, batch_reset):
     worlds, key = brief(horizon), seeds.key(11)

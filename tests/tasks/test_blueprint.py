@@ -29,7 +29,7 @@ def env_of():
 def placed():
     """Worlds with boxes on their sites: as they are to be, turned by quarters, a little off, too far, or anywhere."""
     env, rng = env_of(), seeds.rng(0)
-    states = jax.vmap(env.reset)(jax.random.split(seeds.key(0), N))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N))
     qpos = np.array(states.data.qpos)
     ids = env.base.modules["box"].qpos_ids
     sites, there = np.asarray(states.world.sites["construction_site"]), states.world.active
@@ -40,7 +40,7 @@ def placed():
             off = {0: 0.0, 1: 0.03, 2: 0.12, 3: 1.0}[kind] * np.array([1.0, 0.0])
             turn = rng.integers(4) * np.pi / 2 + (0.1 if kind == 1 else 0.0)
             qpos[w, ids[order[site]]] = [*(sites[w, site, :2] + off), 0.25, turn]
-    data = jax.vmap(env.base.engine.pose)(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos)))
+    data = jax.jit(jax.vmap(env.base.engine.pose))(states.world.fields, states.data.replace(qpos=qpos))
     return states.replace(data=data)
 
 
@@ -75,7 +75,7 @@ def test_boxes_on_their_sites_end_the_episode_and_pay():
 
 def test_corners_are_where_the_boxes_are():
     env, states = env_of(), placed()
-    found = jax.vmap(lambda state: box_corners(env.base.modules["box"], state))(states)
+    found = jax.jit(jax.vmap(lambda state: box_corners(env.base.modules["box"], state)))(states)
     for w in range(0, N, 7):
         there = np.asarray(states.world.active["box"][w])
         np.testing.assert_allclose(np.asarray(found[w])[there], seen(states, w)[1], atol=1e-5)
@@ -88,6 +88,7 @@ def test_corners_are_where_the_boxes_are():
     assert maax.SplitObservations(observing).observation_space["box_corner_pos"].shape == (1, 5, 4, 3)
 
 
+@pytest.mark.slow
 def test_sites_are_where_the_published_placement_puts_them():
     """Nowhere else, and everywhere there."""
     for share in (0.25, 0.7, 0.85, 1.0):

@@ -74,6 +74,7 @@ def played(when_caught):
     return jax.device_get((start.replace(key=()), run(start, jnp.asarray(move, jnp.float32))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when_caught", [False, True])
 def test_hiders_eat_what_they_see_after_preparation_and_unseen(when_caught):
     """What is left, what is paid, and how much was eaten, at every step; all cases occur."""
@@ -136,6 +137,7 @@ def near(cells, first, radius):
     return (cells >= np.maximum(first - r, 1)) & (cells <= np.minimum(first + r, G - 1) - 1)
 
 
+@pytest.mark.slow
 def test_groups_lie_around_their_first_pieces():
     """Evenly over the cells there, but for the one that is taken; the first ones in the middle."""
     food = maax.FoodConfig(n_food=6, n_clusters=2)

@@ -57,6 +57,7 @@ def played(kind):
     return start[1], corners["agent"], corners["box"], locked, np.asarray(kept["reward"])[..., 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_rewards_are_the_published_ones(kind):
     there, agent, boxes, locked, reward = played(kind)
@@ -151,6 +152,7 @@ def test_in_three_rooms_things_take_turns():
         assert np.abs(shares - 1 / 3).max() < 4.5 * np.sqrt(2 / 9 / n)
 
 
+@pytest.mark.slow
 def test_other_scenarios_have_the_published_places():
     def drawn(**options):
         env = maax.make("lock_all", impl="c", **options)

@@ -57,6 +57,7 @@ def test_fields_that_are_given_stay():
     assert frictions_of(model, "ramp0") == {0.01}
 
 
+@pytest.mark.slow
 def test_it_steps():
     env = maax.make("standard", preset="maax", impl="c")
     worlds = maax.Worlds(env, 8)

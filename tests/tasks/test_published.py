@@ -96,6 +96,7 @@ def p_value(ours, theirs):
     return stats.chi2_contingency(table).pvalue if len(values) > 1 else 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_worlds_begin_as_published(game):
     """Counts, areas of rooms, places, distances of team-mates, and doorways."""
@@ -137,6 +138,7 @@ def test_what_starts_in_doorways():
     assert shares["ramp"] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_by_default_things_start_elsewhere(game):
     """Not in doorways; at the edges, up to the wall of the quadrant, and team-mates in a disc of 0.5 m."""
@@ -293,6 +295,7 @@ def still(env, n):
     return {name: np.zeros((n, *env.action_space[name].shape), int) + 5 * (name == "move") for name in env.action_space}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("published", [True, False])
 def test_an_agent_may_leave_the_arena(published):
     """1 m outside, below the floor, above the walls: it goes on and pays; by default such worlds are cut off."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ def env_of():
 def placed():
     """Worlds as they are drawn; and with boxes beside the cylinder, as they lie and turned."""
     env, rng = env_of(), seeds.rng(0)
-    states = jax.vmap(env.reset)(jax.random.split(seeds.key(0), N))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N))
     qpos, ids = np.array(states.data.qpos), env.base.modules["box"].qpos_ids
     middle, size = np.asarray(states.obs["static_cylinder_pos"])[:, 0], np.asarray(states.obs["static_cylinder_size"])
     for w in range(N):
@@ -38,13 +37,13 @@ def placed():
             away = size[w, 0, 0] / 2 + 0.9 + 0.02 * i
             at = np.clip(middle[w, :2] + away * np.array([np.cos(angle), np.sin(angle)]), 0.9, 5.1)
             qpos[w, ids[i]] = [*at, 0.25, rng.uniform(-np.pi, np.pi) if w % 3 == 2 else 0.0]
-    data = jax.vmap(env.base.engine.pose)(states.world.fields, states.data.replace(qpos=jnp.asarray(qpos)))
+    data = jax.jit(jax.vmap(env.base.engine.pose))(states.world.fields, states.data.replace(qpos=qpos))
     return states.replace(data=data)
 
 
 def reaching(env, state, w):
     """Which rays get to the cylinder in plain MuJoCo."""
-    model, data = in_plain_mujoco(env, jax.tree.map(lambda x: x[w], state))
+    model, data = in_plain_mujoco(env, state, w)
     mujoco.mj_forward(model, data)
     cylinder, met = model.geom("static_cylinder0").id, np.zeros(1, np.int32)
     hits = []
@@ -57,8 +56,8 @@ def reaching(env, state, w):
 
 def test_the_reward_is_that_of_mujocos_rays():
     """One ray in a hundred may pass an edge by another side of it."""
-    env = env_of()
-    state = jax.jit(jax.vmap(env.step))(placed(), jax.vmap(env.sample_action)(jax.random.split(seeds.key(1), N)))
+    env, keys = env_of(), jax.random.split(seeds.key(1), N)
+    state = jax.jit(jax.vmap(env.step))(placed(), jax.jit(jax.vmap(env.sample_action))(keys))
     points = [transfer_oracle.shelter_reward(reaching(env, state, w)) for w in range(N)]
     np.testing.assert_allclose(state.reward[:, 0], points, atol=0.0011)
     assert (np.abs(state.reward[:, 0] - np.array(points)) < 1e-6).mean() > 0.9
@@ -67,16 +66,17 @@ def test_the_reward_is_that_of_mujocos_rays():
 
 def test_boxes_around_the_cylinder_keep_rays_away():
     """Eight in a ring stop a third of those that come in the open, and more where long boxes stand across."""
-    env, state = env_of(), jax.tree.map(lambda x: x[0], placed())
+    env, state = env_of(), jax.jit(lambda states: jax.tree.map(lambda x: x[0], states))(placed())
     middle, radius = np.asarray(state.obs["static_cylinder_pos"])[0], float(state.obs["static_cylinder_size"][0, 0]) / 2
     layer = next(layer for layer in env.layers if isinstance(layer, maax.ShelterReward))
+    pose, reaching = jax.jit(env.base.engine.pose), jax.jit(layer.reaching)
 
     def share(away):
         qpos, angles = np.array(state.data.qpos), np.arange(8) * np.pi / 4
         ring = middle[:2] + away * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         qpos[env.base.modules["box"].qpos_ids] = np.column_stack([ring, np.full(8, 0.25), angles + np.pi / 2])
-        data = env.base.engine.pose(state.world.fields, state.data.replace(qpos=jnp.asarray(qpos)))
-        return float(layer.reaching(state.replace(data=data)).mean())
+        data = pose(state.world.fields, state.data.replace(qpos=qpos))
+        return float(reaching(state.replace(data=data)).mean())
 
     assert share(50.0) > 0.9
     # From 1.3 m, five cubes hide 1.9 of 6.3 radians, and three long boxes that point at the middle another 0.35.
@@ -109,19 +109,23 @@ def test_only_the_lidar_tells_of_the_cylinder():
     assert any("cylinder" in name for name in env_of().observed)
 
 
+@pytest.mark.slow
 def test_rays_go_to_every_cylinder_and_to_none_that_is_absent():
     base = maax.Base(1, impl="c")
     for module in (maax.WallScenarios("empty"), maax.StaticCylinders((0, 2), 0.5), maax.Agents(1)):
         base.add_module(module)
     env = maax.ShelterReward(base, rays_per_side=5, scale=1.0)
-    states = jax.vmap(env.reset)(jax.random.split(seeds.key(3), 12))
-    reach = np.asarray(jax.vmap(env.reaching)(states))
+    reset, step, reaching, sample = (
+        jax.jit(jax.vmap(function)) for function in (env.reset, env.step, env.reaching, env.sample_action)
+    )
+    states = reset(jax.random.split(seeds.key(3), 12))
+    reach = np.asarray(reaching(states))
     there = np.asarray(states.world.active["static_cylinder"])
     assert reach.shape == (12, 20, 2)
     assert not reach[~np.broadcast_to(there[:, None], reach.shape)].any()
     assert reach[np.broadcast_to(there[:, None], reach.shape)].mean() > 0.5
-    after = jax.vmap(env.step)(states, jax.vmap(env.sample_action)(jax.random.split(seeds.key(4), 12)))
-    np.testing.assert_allclose(after.reward[:, 0], -np.asarray(jax.vmap(env.reaching)(after)).sum(axis=(1, 2)))
+    after = step(states, sample(jax.random.split(seeds.key(4), 12)))
+    np.testing.assert_allclose(after.reward[:, 0], -np.asarray(reaching(after)).sum(axis=(1, 2)))
 
 
 @pytest.mark.slow

@@ -56,9 +56,9 @@ def networks(encoder="pool", core="lstm", norm="scales", heads=HEADS):
 
 def drawn(network, seed):
     """Weights, with biases and scales that are not those of the beginning."""
-    weights = network.draw(seeds.key(seed))
+    weights = jax.jit(network.draw)(seeds.key(seed))
     rng = seeds.rng(seed)
-    return jax.tree.map(lambda x: x + 0.1 * jnp.asarray(rng.normal(size=x.shape), x.dtype), weights)
+    return jax.tree.map(lambda x: np.asarray(x) + (0.1 * rng.normal(size=x.shape)).astype(x.dtype), weights)
 
 
 def alike():
@@ -85,6 +85,7 @@ def alike():
     return new.replace(own=own, entities=entities, seen=masks(new.seen), known=masks(new.known)), new
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("encoder", "core"), [("pool", "lstm"), ("pool", "none"), ("attend", "gru")])
 def test_what_both_games_have_means_the_same(encoder, core):
     """With the old last layers put back, both networks say the same of the same things."""
@@ -102,8 +103,8 @@ def test_what_both_games_have_means_the_same(encoder, core):
     memory = old.memory(N)
     for play in ("actor", "critic"):
         given = getattr(memory, play)
-        one, _ = getattr(old, play)(was, before, given, begins)
-        other, _ = getattr(new, play)(back, after, given, begins)
+        one, _ = jax.jit(getattr(old, play))(was, before, given, begins)
+        other, _ = jax.jit(getattr(new, play))(back, after, given, begins)
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-5), one, other)
 
 
@@ -146,6 +147,7 @@ def test_other_teams_are_refused():
         transferred(drawn(old, 1), old, per_team, drawn(per_team, 2))
 
 
+@pytest.mark.slow
 def test_a_run_begins_with_a_policy_of_another_game(tmp_path):
     """Which is refused without being asked for."""
     small = {"net.encoder": "pool", "net.hidden": 16, "net.width": 16, "net.share": "all", "ppo.minibatches": 1}

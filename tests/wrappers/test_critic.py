@@ -40,6 +40,7 @@ def team():
     return observed("split", "team")
 
 
+@pytest.mark.slow
 def test_who_sees_whom_is_everybodys_matrix_in_each_ones_order(split):
     _, state = split
     sees = state.mechanics["line_of_sight"]["sees_agent"]

@@ -75,6 +75,7 @@ def in_cone(eyes, yaw, places):
     return np.arccos(np.clip(cosine, -1, 1)) <= HALF_CONE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("between", ["corners", "centres"])
 def test_what_is_seen_is_in_the_cone_and_met_first(between):
     """Cones between lower corners; rays from the agent's middle to the middle of a geom."""

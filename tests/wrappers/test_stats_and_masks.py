@@ -364,6 +364,7 @@ def test_mistakes(call, message, sensing, split):
     assert message in str(error.value)
 
 
+@pytest.mark.slow
 def test_caught_is_the_share_of_steps_in_which_seekers_are_paid():
     few = {"scenario": "empty", "n_boxes": 0, "n_ramps": 0, "horizon": 20, "prep_fraction": 0.25, "lock": None}
     rule = {"by": "vision", "cone": 2.0, "rew_type": "team_zero_sum"}

@@ -272,6 +272,7 @@ def walks(rng, base, floor):
     return xy.astype(np.float32)
 
 
+@pytest.mark.slow
 def test_capture_the_flag(touching, played):
     """Random positions and touches of random players, on floors of all sizes, either team's half below."""
     env = maax.CaptureTheFlag(Script(touching, played[0]), REACH, WINS, SCALE)

@@ -69,6 +69,7 @@ def oracle(walls, boxes, radius, start, goal, n=300):
     return ends[0] != ends[1], bool(min(ends))
 
 
+@pytest.mark.slow
 def test_hiders_are_enclosed_where_no_way_is_wide_enough():
     """In 60 rooms, except where a few millimetres decide: there the oracle differs with the radius."""
     rng = seeds.rng(1)
