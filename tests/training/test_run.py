@@ -99,24 +99,16 @@ def test_without_tensorboardx_a_sentence_says_what_to_install(tmp_path, monkeypa
 @pytest.mark.slow
 @pytest.mark.parametrize("impl", ["c", "jax"])
 def test_a_killed_run_goes_on_bit_for_bit(impl, run, tmp_path):
-    """Killed after half of it, saved just before, and gone on in another process.
-
-    On the engine `jax`, which compiles slowly, another trainer of the same process goes on.
-    """
+    """Killed after half of it, saved just before, and gone on in another process."""
     if impl == "c":
         whole, small = run[0], SMALL
     else:
         small = PLAIN
         whole = trainer(tmp_path / "whole", toys.echo(impl=impl), **small)
         whole.run(steps=FEW * PER_ITERATION)
-    if impl == "c":
-        code = CHILD.format(half=FEW // 2, impl=impl, folder=str(tmp_path / "cut"), n=N, small=small)
-        killed = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
-        assert killed.returncode == -9, killed.stderr
-    else:
-        half = trainer(tmp_path / "cut", whole.env, **small)
-        half._iterate = whole._iterate
-        half.run(steps=FEW // 2 * PER_ITERATION)
+    code = CHILD.format(half=FEW // 2, impl=impl, folder=str(tmp_path / "cut"), n=N, small=small)
+    killed = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert killed.returncode == -9, killed.stderr
     again = trainer(tmp_path / "cut", whole.env, **small)
     assert again.iteration == FEW // 2
     # The same program, which need not be compiled again.
@@ -198,7 +190,6 @@ def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
         training.Policy.load(tmp_path / "nothing")
 
 
-@pytest.mark.slow
 def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
     """Those who always say the same are right in half of the episodes, whoever plays the other team."""
     env = toys.echo()
