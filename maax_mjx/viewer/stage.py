@@ -61,7 +61,7 @@ class Stage:
             for body, slot in zip(module.all_body_ids, module.slot_of_body, strict=True)
         }
         walls = [module for module in self._base.modules.values() if isinstance(module, WallScenarios)]
-        self._walls = {int(geom) for module in walls for geom in module.geom_ids}
+        self._walls = {int(geom): i for module in walls for i, geom in enumerate(module.geom_ids)}
         self._floor = self.subject.materials.of_geom(int(self._base.floor_id[0])).rgba
 
     @property
@@ -121,7 +121,7 @@ class Stage:
             paint = paint._replace(rgba=marked.tinted(module.kind, slot, paint.rgba))
         elif geom in self._walls:
             role, paint = "wall", Paint(WALL)
-            position, size = _on_the_floor(position, size, float(state.world.plan.floor_size))
+            position, size = _as_planned(position, size, np.asarray(state.world.plan.walls[self._walls[geom]], float))
             if position[2] + size[2] > 2 * CUT:
                 role, paint = "high_wall", Paint(HIGH_WALL)
                 position, size = np.append(position[:2], CUT / 2), np.append(size[:2], CUT / 2)
@@ -206,9 +206,9 @@ class Stage:
         return text
 
 
-def _on_the_floor(position: np.ndarray, size: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
-    """The part of a wall that stands on the floor: its position and half extents."""
-    low, high = np.maximum(position[:2] - size[:2], 0.0), np.minimum(position[:2] + size[:2], edge)
+def _as_planned(position: np.ndarray, size: np.ndarray, rect: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and half extents of a wall of the plan (4,): in the physics outer walls reach further out."""
+    low, high = rect[:2], rect[2:]
     return np.append((low + high) / 2, position[2]), np.append((high - low) / 2, size[2])
 
 

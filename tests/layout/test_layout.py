@@ -126,14 +126,19 @@ def test_hiders_start_inside_the_quadrant_and_seekers_outside(layouts):
 def test_walls_stand_where_the_rules_put_them(layouts):
     env, state = layouts
     rects, world = walls(env, state), state.world
-    a, b, c, d = 0.05, 0.15, FLOOR - 0.15, FLOOR - 0.05
-    close(rects[:, :4], np.broadcast_to([[a, a, b, d], [c, a, d, d], [a, a, d, b], [a, c, d, d]], (N, 4, 4)), atol=1e-5)
+
+    def outer(a, b, c, d):
+        return np.broadcast_to([[a, a, b, d], [c, a, d, d], [a, a, d, b], [a, c, d, d]], (N, 4, 4))
+
+    # In the physics they reach a metre further out.
+    close(rects[:, :4], outer(-1.0, 0.15, FLOOR - 0.15, FLOOR + 1.0), atol=1e-5)
+    planned = np.concatenate([outer(0.05, 0.15, FLOOR - 0.15, FLOOR - 0.05), rects[:, 4:]], axis=1)
     for inner, across in ((rects[:, 4:6], 0), (rects[:, 6:], 1)):
         assert np.nanmax(abs(inner[..., [across, across + 2]] - [LINE - THIN, LINE + THIN])) < 1e-5
     standing = ~np.isnan(rects[..., 0])
     heights = np.where(standing, [4.0] * 4 + [0.5] * 4, 0)
     equal(world.plan.wall_mask, standing)
-    close(world.plan.walls, np.nan_to_num(rects), atol=1e-5)
+    close(world.plan.walls, np.nan_to_num(planned), atol=1e-5)
     close(world.plan.wall_heights, heights)
     pos, half = world.fields["geom_pos"], world.fields["geom_size"]
     close((pos - half)[standing][:, 2], 0, atol=1e-6)
