@@ -111,13 +111,17 @@ def measure(case: Case, config: Config) -> Row:
     """Trains a run, as far as it is not trained yet, and reads what it learnt.
 
     Raises:
+        ValueError: a folder with a run of other settings, or a game without hiders.
         RuntimeError: the minutes are over before the steps.
     """
     path = folder_of(case, config)
     if steps_of(path) < case.steps:
         train(case, config, path)
     folder = Folder(path)
-    rows = folder.rows()
+    about, rows = folder.about(), folder.rows()
+    check_settings(about, case, config)
+    if RETURN not in rows[-1]:
+        raise ValueError(f"env: got {case.env!r}, whose runs have no {RETURN}; takes games with hiders")
     if rows[-1]["steps"] < case.steps:
         raise RuntimeError(f"{path}: has {rows[-1]['steps']:,} of {case.steps:,} steps; run again to go on")
     end = next(row["steps"] for row in rows if row["steps"] >= case.steps)
@@ -129,9 +133,31 @@ def measure(case: Case, config: Config) -> Row:
         final=round(weighted(late), 4),
         curve=curve_of(points),
         minutes=round(rows[-1]["seconds"] / 60, 2),
-        devices=folder.about()["conditions"]["devices"],
+        devices=about["conditions"]["devices"],
         faults=round(1e6 * sum(row["faults"] for row in rows) / rows[-1]["steps"], 2),
     )
+
+
+def check_settings(about: dict[str, Any], case: Case, config: Config) -> None:
+    """Refuses a run that was trained with other settings than its row would say.
+
+    Raises:
+        ValueError: naming the setting.
+    """
+    settings = about["settings"]
+    wanted = {"worlds": case.worlds, "gamma": case.gamma, "minibatches": config.minibatches, "preset": config.preset}
+    found = {
+        "worlds": settings["worlds"],
+        "gamma": settings["ppo"]["gamma"],
+        "minibatches": settings["ppo"]["minibatches"],
+        "preset": about["preset"],
+    }
+    for name, value in wanted.items():
+        if found[name] != value:
+            raise ValueError(
+                f"{name}: got {value}, and {folder_of(case, config)} has a run with {found[name]}; takes the same, or "
+                "another folder in --runs"
+            )
 
 
 def train(case: Case, config: Config, path: Path) -> None:

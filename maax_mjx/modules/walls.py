@@ -107,7 +107,8 @@ class WallScenarios(Module):
         self.friction = None if friction is None else Ranged("wall_friction", friction, argument="friction")
         self.outer = check_choice("outer", outer, OUTER)
         self.limits_arena = outer == "limits"
-        low = check_bool("low_outside_walls", low_outside_walls)
+        # What climbs onto low walls falls off them on the other side.
+        self._low = low = check_bool("low_outside_walls", low_outside_walls)
         if outer != "walls" and (low or self.prob_outside_walls != (1.0, 1.0)):
             raise ValueError(
                 f"low_outside_walls, prob_outside_walls: got {low} and {prob_outside_walls!r}; takes False and 1 with "
@@ -225,7 +226,9 @@ class WallScenarios(Module):
             scenario=which,
             closed=closed,
         )
-        backed = rects.at[: self.n_outer].set(_backed(rects[: self.n_outer], cell, g))
+        backed = rects
+        if not self._low:
+            backed = rects.at[: self.n_outer].set(_backed(rects[: self.n_outer], cell, g))
         pos, half = _box_geometry(backed, jnp.asarray(self._heights), mask)
         fields = layout.fields
         if self.n_walls:

@@ -105,7 +105,7 @@ def task_of(env: Environment, kind: type[W], game: str) -> W:
     """
     task = find(env, kind)
     if task is None:
-        raise ValueError(f"{game}: got a game without {kind.__name__}; takes {game}")
+        raise ValueError(f"{game}: got a game without {kind.__name__}; takes one with it, such as the game {game!r}")
     return task
 
 

@@ -97,9 +97,16 @@ class ObjFromXML(Obj):
         position = self.centre + self._annotations.main
         body.pos = position - body_position(parent)
         refer_slides(body, position)
+        main = f"{self.name}:{MAIN}"
         for element in [body, *body.geoms]:
-            if element.name == f"{self.name}:{MAIN}":
+            if element.name == main:
                 element.name = self.name
+        # These name the body and the geom, and do not follow.
+        for elements, names in ((spec.excludes, ("bodyname1", "bodyname2")), (spec.pairs, ("geomname1", "geomname2"))):
+            for element in elements:
+                for name in names:
+                    if getattr(element, name) == main:
+                        setattr(element, name, self.name)
         written = Written.below(spec, body)
         if self.rgba is not None:
             for geom in written.geoms:

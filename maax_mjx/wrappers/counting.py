@@ -22,7 +22,8 @@ class Passages(struct.PyTreeNode):
     """Where objects go, and when.
 
     Attributes:
-        left: (n_boxes,) bool, whether a box goes to low x; otherwise it goes to high x.
+        left: (n_boxes,) bool, whether a box goes to low x; otherwise it goes to high x. (To an agent that looks towards
+            low y, low x is on the right.)
         starts: (n_boxes,) int32, env step at which it sets out.
     """
 

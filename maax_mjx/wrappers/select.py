@@ -155,23 +155,48 @@ class AddConstantObservations(ObservationWrapper):
         super().__init__(env)
         self._declared: dict[str, Observed] = {}
         self._arrays: dict[str, np.ndarray] = {}
+        if not isinstance(constants, Mapping) or not all(isinstance(name, str) for name in constants):
+            raise ValueError(
+                f"constants: got {described(constants)}; takes a dict by name, {{name: (Observed, array)}}"
+            )
         for name, given in constants.items():
             if name in env.observation_space.spaces:
                 raise ValueError(f"constants: got {name!r}, which is observed already; takes another name")
             if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], Observed)):
                 raise ValueError(f"constants: got {described(given)} for {name!r}; takes (Observed(...), array)")
-            array = np.asarray(given[1])
-            if array.dtype.kind not in "biuf":
-                raise ValueError(f"constants: got {described(given[1])} for {name!r}; takes an array of numbers")
             self._declared[name] = given[0]
-            self._arrays[name] = array.astype(np.float32) if array.dtype.kind == "f" else array
-        check_shapes(self._declared, {name: x.shape for name, x in self._arrays.items()}, type(self).__name__)
+            self._arrays[name] = _constant(name, given[1])
+        shapes = {
+            name: space.shape or () for name, space in env.observation_space.spaces.items() if name in env.observed
+        }
+        shapes |= {name: x.shape for name, x in self._arrays.items()}
+        check_shapes(env.observed | self._declared, shapes, type(self).__name__)
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         return state.obs | {name: jnp.asarray(x) for name, x in self._arrays.items()}
 
     def declared(self) -> dict[str, Observed]:
         return self.env.declared() | self._declared
+
+
+def _constant(name: str, given: ArrayLike) -> np.ndarray:
+    """An array as JAX has it: float32, int32 or bool.
+
+    Raises:
+        ValueError: something that is no array of finite numbers within these types.
+    """
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        array = np.asarray(None)
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"constants: got {described(given)} for {name!r}; takes an array of numbers")
+    kind = {"f": np.float32, "b": np.bool_}.get(array.dtype.kind, np.int32)
+    with np.errstate(over="ignore"):
+        found: np.ndarray = array.astype(kind)
+    if not np.isfinite(found).all() or (kind is np.int32 and (found != array).any()):
+        raise ValueError(f"constants: got {described(given)} for {name!r}; takes finite numbers of 32 bits")
+    return found
 
 
 def check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:

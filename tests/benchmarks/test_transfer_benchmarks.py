@@ -20,7 +20,9 @@ def pretend(monkeypatch, gain):
 
     def train(case, config, path):
         path.mkdir(parents=True)
-        (path / "run.json").write_text(json.dumps({"conditions": {"devices": ["a GPU"]}}))
+        settings = {"worlds": case.worlds, "ppo": {"gamma": case.gamma, "minibatches": config.minibatches}}
+        about = {"conditions": {"devices": ["a GPU"]}, "settings": settings, "preset": config.preset}
+        (path / "run.json").write_text(json.dumps(about))
         rows = [
             {
                 "iteration": i, "steps": 100 * i, "seconds": 6.0 * i, "episodes": i - 1, "faults": 1,
@@ -50,6 +52,9 @@ def test_runs_are_read_up_to_equal_samples(run, folder, monkeypatch):
     assert run(transfer, folder / "again_cpu.json", **options)[0]["final"] == first["final"]
     with pytest.raises(TypeError):
         run(transfer, folder / "more_cpu.json", **options | {"steps": 5000})
+    for name, value in {"worlds": 8, "gamma": 0.5, "minibatches": 2, "preset": "laptop"}.items():
+        with pytest.raises(ValueError, match=f"{name}: got {value}, and .* has a run with"):
+            run(transfer, folder / f"{name}_cpu.json", **options | {name: value})
     picture = plots.draw(folder / "transfer_cpu.json", plots.FIGURES["transfer"])
     assert picture.stat().st_size > 10_000
 

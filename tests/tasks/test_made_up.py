@@ -96,6 +96,11 @@ def test_constants_are_the_same_in_all_worlds_and_are_split():
         ({"x": 3.0}, r"for 'x'; takes \(Observed"),
         ({"x": (maax.Observed(()), "red")}, "takes an array of numbers"),
         ({"x": (maax.Observed(("agent",)), np.zeros((2, 2)))}, r"'x' has shape \(2, 2\)"),
+        ({"x": (maax.Observed(("agent",)), np.zeros(3))}, "axis 'agent' has length"),
+        ({"x": (maax.Observed(()), float("nan"))}, "takes finite numbers of 32 bits"),
+        ({"x": (maax.Observed(("good",)), [2**40])}, "takes finite numbers of 32 bits"),
+        ({"x": (maax.Observed(("good",)), [[1], [2, 3]])}, "takes an array of numbers"),
+        ([("x", 1)], "takes a dict by name"),
     ],
 )
 def test_what_does_not_fit_is_refused(constants, message):

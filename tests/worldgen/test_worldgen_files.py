@@ -343,3 +343,19 @@ def test_bad_stl_files_are_named(tmp_path, stl):
         name = list(options)[-1]
         with pytest.raises(ValueError, match=f"^{name}: got"):
             ObjFromSTL(stl, **options)
+
+
+def test_bodies_that_a_file_excludes_from_contact_are_excluded_in_the_world():
+    """Also where one is "main", which gets another name."""
+    desk = """<mujoco><worldbody><body name="main"><joint name="x" type="slide" axis="1 0 0"/>
+        <geom name="main" type="box" size=".2 .2 .1"/>
+        <body name="drawer"><joint name="d" type="slide"/><geom name="front" type="box" size=".1 .1 .05"/></body></body>
+        <body name="annotation:outer_bound"><geom type="box" size=".2 .2 .1"/></body></worldbody>
+        <contact><exclude body1="main" body2="drawer"/></contact></mujoco>"""
+    floor, builder = Floor(4.0), WorldBuilder()
+    for i in range(2):
+        floor.append(ObjFromXML(desk, f"desk{i}"), placement_xy=(0.3 + 0.4 * i, 0.5))
+    builder.append(floor)
+    model = builder.to_spec().compile()
+    pairs = {(model.body(f"desk{i}").id, model.body(f"desk{i}:drawer").id) for i in range(2)}
+    assert {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature} == pairs

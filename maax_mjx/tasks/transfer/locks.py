@@ -136,6 +136,8 @@ def lock_task(config: LockAndReturnConfig | SequentialLockConfig | LockAllConfig
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
+    if not check_count_range("n_boxes", config.n_boxes)[1]:
+        raise ValueError("n_boxes: got 0; a lock task takes at least one box to lock")
     env: Environment = LockTask(one_agent(config), **arguments(config.task))
     if config.task.in_order:
         env = LockInOrder(env)
