@@ -121,7 +121,8 @@ def test_replay(played, kind, capsys):
         (["rollout", "--env.n_boxes", "2", "50", "hide_and_seek", "--worlds=0"], "worlds: got 0"),
         (["rollout", "--worlds=0"], "worlds"),
         (["rollout", "--show=300"], "show: got 300"),
-        (["rollout", "--setps=3"], "maax-mjx: unrecognized options: --setps=3; did you mean --steps"),
+        (["rollout", "--setps=3"], "maax-mjx: unrecognized options: --setps=3; maax-mjx"),
+        (["rollout", "tag", "--stepz", "3"], "unrecognized options: --stepz, 3; did you mean --steps"),
         (
             ["train", "tag", "--steps", "1e99"],
             "maax-mjx: steps: got '1e99'; takes a whole number of at least 1, or None",
@@ -129,7 +130,7 @@ def test_replay(played, kind, capsys):
         (["train", "tag", "--steps=10.5"], "steps: got '10.5'; takes a whole number"),
         (["train", "tag", "--minutes=ten"], "minutes: got 'ten'; takes a positive number, or None"),
         (["train", "tag", "--preset=nope"], "invalid choice 'nope' for argument '--preset'. Expected one of ("),
-        (["rollout", "tag", "--n=3"], "maax-mjx: unrecognized or misplaced options: --n=3"),
+        (["rollout", "tag", "--n", "3"], "maax-mjx: unrecognized or misplaced options: --n 3; did you mean"),
         (["rollout", "tag", "--worlds"], "missing value for argument '--worlds'. Expected 1 values; maax-mjx rollout"),
         (["evaluate"], "missing from maax-mjx evaluate: STR A policy"),
         (["bench", "layouts", "--worlds", "many"], "worlds: got ('many',); takes a list, each a whole number"),
