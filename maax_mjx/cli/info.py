@@ -182,7 +182,8 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
         elif name == "about":
             lines += ["", *str(value).splitlines()]
         elif isinstance(value, Mapping):
-            lines += [f"{name}", *(f"  {key:26} {_shown(text)}" for key, text in value.items())]
+            width = max([26, *map(len, value)])
+            lines += [f"{name}", *(f"  {key:{width}} {_shown(text)}" for key, text in value.items())]
         elif isinstance(value, list):
             lines.append(f"{name:18} {', '.join(value)}")
         else:
