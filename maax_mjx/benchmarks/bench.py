@@ -15,6 +15,7 @@ from tqdm import tqdm
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import Positive, check_fields
+from maax_mjx.common.options import NUMBERS, parsed
 from maax_mjx.common.progress import progress
 
 
@@ -71,11 +72,22 @@ class Command(Generic[C]):
             args: words of the command line; None takes those of the process.
             prog: name of the program in its help.
         """
-        return tyro.cli(self.config, args=args, prog=prog, description=self.description)
+        return parsed(
+            lambda: tyro.cli(self.config, args=args, prog=prog, description=self.description, registry=NUMBERS)
+        )
 
     def cli(self) -> None:
-        """Runs the program with the options of the process."""
-        self.main(self.parse())
+        """Runs the program with the options of the process.
+
+        Raises:
+            SystemExit: 2 for options that there are not.
+        """
+        try:
+            options = self.parse()
+        except ValueError as error:
+            print(error, file=sys.stderr)
+            raise SystemExit(2) from None
+        self.main(options)
 
 
 def benchmark(

@@ -109,7 +109,7 @@ class Config(Options):
         held: for how many steps full forces are held. Random ones are redrawn every step.
         gravity: m/s^2; the game's own if left out.
         contacts_per_world: room for contact points; the environment's own choice if left out.
-        keep_faults: folder for the last moments of worlds that go astray; see `maax.Worlds`.
+        keep_faults: folder for the last moments of worlds with faults; see `maax.Worlds`.
     """
 
     games: tuple[str, ...] = ()

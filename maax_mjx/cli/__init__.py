@@ -21,6 +21,7 @@ from maax_mjx.cli.rollout import Rollout, rollout
 from maax_mjx.cli.train import GROUPS, Train, train
 from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
+from maax_mjx.common.options import NUMBERS, parsed
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.tasks import check_game
 
@@ -93,8 +94,15 @@ def run(argv: list[str]) -> None:
     named = argv[:1] in (["rollout"], ["info"], ["worlds"], ["play"]) and len(argv) > 1 and not argv[1].startswith("-")
     if named and not (argv[0] == "info" and is_of_faults(argv[1])):
         check_game("env", argv[1])
-    args = tyro.extras.subcommand_cli_from_dict(
-        COMMANDS, args=argv, prog="maax-mjx", description=DESCRIPTION, config=(tyro.conf.OmitArgPrefixes,)
+    args = parsed(
+        lambda: tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            args=argv,
+            prog="maax-mjx",
+            description=DESCRIPTION,
+            config=(tyro.conf.OmitArgPrefixes,),
+            registry=NUMBERS,
+        )
     )
     if isinstance(args, Rollout):
         rollout(args, overrides)

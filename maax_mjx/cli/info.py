@@ -73,7 +73,7 @@ def is_of_faults(word: str) -> bool:
 
 
 def of_fault(path: Path) -> dict[str, Any]:
-    """Collects where and when a world went astray, and what a diagnosis of its last step finds.
+    """Collects where and when a world had a fault, and what a diagnosis of its last step finds.
 
     Args:
         path: a file of `Worlds(..., keep_faults=folder)`.
@@ -84,7 +84,7 @@ def of_fault(path: Path) -> dict[str, Any]:
     meta, _ = read(path, TAKES)
     if "fault" not in meta:
         raise ValueError(f"file: got {path}, which has a rollout without faults; takes a file of keep_faults")
-    # The engine that led astray, where it runs; another one may not do it again.
+    # The engine of the fault, where it runs; another one may not do it again.
     here = meta["fault"]["engine"] if _engine(meta["fault"]["engine"]).startswith("works") else "auto"
     fault = maax.load_fault(path, env_of(path, here))
     found = fault.diagnose()
@@ -93,7 +93,7 @@ def of_fault(path: Path) -> dict[str, Any]:
         "game": str(fault.env.made_from),
         **{name: str(value) for name, value in fault.about.items()},
         "frames": str(len(fault.recording.states.step)),
-        "astray again": "yes" if found.fault else f"no, on {found.engine}",
+        "fault again": "yes" if found.fault else f"no, on {found.engine}",
         "about": str(found),
     }
 
@@ -182,7 +182,8 @@ def _lines(result: Mapping[str, Any]) -> list[str]:
         elif name == "about":
             lines += ["", *str(value).splitlines()]
         elif isinstance(value, Mapping):
-            lines += [f"{name}", *(f"  {key:26} {_shown(text)}" for key, text in value.items())]
+            width = max([26, *map(len, value)])
+            lines += [f"{name}", *(f"  {key:{width}} {_shown(text)}" for key, text in value.items())]
         elif isinstance(value, list):
             lines.append(f"{name:18} {', '.join(value)}")
         else:

@@ -66,7 +66,7 @@ class Rollout:
     out: Path = field(default_factory=lambda: Path("maax-out"))
     """Folder for the files."""
     keep_faults: Path | None = None
-    """Folder for the last moments of worlds that go astray (for `maax-mjx info` and `replay`)."""
+    """Folder for the last moments of worlds with faults (for `maax-mjx info` and `replay`)."""
     json: bool = False
     """Whether to print the result as JSON; progress goes to stderr."""
 
@@ -108,7 +108,9 @@ def _rollout(
     states = worlds.reset(world_key, stagger=has_ends)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
     advance = _advance(worlds, action_key) if policy is None else _play(worlds, policy, action_key)
-    states = advance(states, 0, every := max(1, round(1 / (FPS * env.base.dt))))
+    every = min(args.steps, max(1, round(1 / (FPS * env.base.dt))))
+    for n in {every, args.steps % every} - {0}:  # a policy's rollout is compiled for a number of steps
+        states = advance(states, 0, n)
     states = worlds.reset(world_key, stagger=has_ends)
     compiled = time.perf_counter() - start
     shown = list(range(args.show))
@@ -241,7 +243,7 @@ def _summary(result: Mapping[str, Any]) -> str:
         "physics steps/s": f"{result['physics_steps_per_s']:,}",
         "agent-steps/s": f"{result['agent_steps_per_s']:,}",
         "compile time": f"{result['compile_s']} s",
-        "mean return": ", ".join(f"{name} {value:+g}" for name, value in result["mean_return"].items()),
+        "mean return": ", ".join(f"{name} {value + 0.0:+g}" for name, value in result["mean_return"].items()),
         "episodes ended": f"{result['episodes']:,}",
         "invalid layouts": f"{result['layout_invalid']:,}",
         "contact overflow": f"{result['contact_overflow']:,} steps",

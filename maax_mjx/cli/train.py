@@ -67,7 +67,7 @@ class Train:
     tensorboard: bool | None = None
     """Whether metrics are written for TensorBoard as well (extra "tensorboard"); by default as the run, or not."""
     keep_faults: Path | None = None
-    """Folder for the last moments of worlds that go astray (for `maax-mjx info` and `replay`)."""
+    """Folder for the last moments of worlds with faults (for `maax-mjx info` and `replay`)."""
     json: bool = False
     """Whether to print the result as JSON; progress goes to stderr."""
     settings: tyro.conf.Suppress[dict[str, str]] = field(default_factory=dict)

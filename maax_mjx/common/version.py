@@ -1,3 +1,3 @@
-"""The package's version."""
+"""The package's version, which `pyproject.toml` reads here."""
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"

@@ -98,7 +98,7 @@ def check_state(state: Any, wanted: State) -> None:
     if batch := jnp.shape(state.step):
         raise ValueError(
             f"state: got a batch of {batch[0]} worlds; takes one world: use jax.vmap(env.step) for a batch, or "
-            "maax.Worlds(env, n_worlds), whose worlds begin anew by themselves"
+            "maax.Worlds(env, n_worlds), whose worlds begin new episodes by themselves"
         )
     check_not_donated(state.step)
     check_fits(state, wanted)

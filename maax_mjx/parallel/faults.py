@@ -1,4 +1,4 @@
-"""Worlds that went astray, kept on disk: what happened in them last, to be looked at and stepped again."""
+"""Worlds with faults, kept on disk: what happened in them last, to be looked at and stepped again."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.recording import KEPT, Recording, filled, read, strip, write
 
 MOMENTS = 8
-"""States and actions of a world that are kept, up to the one that led astray."""
+"""States and actions of a world that are kept, up to the one of the fault."""
 MOST = 16
 """Faults in a folder at most: more of them tell nothing new, and would fill a disk."""
 AT_ONCE = 4
-"""Worlds that are kept of those that went astray in the same step."""
+"""Worlds that are kept of those with faults in the same step."""
 
 
 class Recent(struct.PyTreeNode):
@@ -49,7 +49,7 @@ class Recent(struct.PyTreeNode):
 
 
 class FaultKeeper:
-    """Keeps worlds that go astray in a folder: `0.npz`, `1.npz`, ..., and beside them `0.xml`, ... for plain MuJoCo.
+    """Keeps worlds with faults in a folder: `0.npz`, `1.npz`, ..., and beside them `0.xml`, ... for plain MuJoCo.
 
     Args:
         env: the environment.
@@ -82,7 +82,7 @@ class FaultKeeper:
         Args:
             before: states of worlds (n,) before the step.
             action: what was done in them.
-            fault: (n,) bool, whether the step went astray.
+            fault: (n,) bool, whether the step was a fault.
         """
         recent: Recent = before.recent
         parts = strip(before), action, before.episode_return
@@ -151,14 +151,14 @@ class FaultKeeper:
 
 
 class Fault(NamedTuple):
-    """A world that went astray, as `keep_faults` keeps it.
+    """A world with a fault, as `keep_faults` keeps it.
 
     Attributes:
         env: the environment.
-        about: the "world", its "episode", the "step" that led astray, and the "engine".
+        about: the "world", its "episode", the "step" of the fault, and the "engine".
         recording: the world's last states, with the leading axes (n_frames, 1).
         actions: what was done in them, (n_frames, ...).
-        state: the last of them, whole: a step from it with `action` led astray.
+        state: the last of them, whole: a step from it with `action` was the fault.
     """
 
     env: Environment
@@ -204,7 +204,7 @@ class Fault(NamedTuple):
 
 
 def load_fault(path: str | Path, env: Environment) -> Fault:
-    """Loads a world that went astray.
+    """Loads a world with a fault.
 
     Args:
         path: a file of `Worlds(..., keep_faults=folder)`.

@@ -49,6 +49,8 @@ class Shards:
             raise ValueError(f"method: got 'jit' with {n} devices; takes 'shard_map' or 'pmap' there")
         if n_worlds % n:
             raise ValueError(f"n_worlds: got {n_worlds}; takes a multiple of the number of devices, {n}")
+        if n > 1:
+            _avoid_crash(self.devices)
         self.per_device = n_worlds // n
         self.n_local = sum(d.process_index == jax.process_index() for d in self.devices)
         self.shape = (self.n_local, self.per_device) if self.method == "pmap" else (n_worlds,)
@@ -126,6 +128,12 @@ class Shards:
             return np.concatenate([part.reshape(-1, *x.shape[len(self.shape) :]) for part in parts])
 
         return jax.tree.map(rows, tree)
+
+
+def _avoid_crash(devices: Sequence[jax.Device]) -> None:
+    """Chooses the older partitioner where jaxlib 0.11's crashes, on several devices of a CPU (`docs/upstream`)."""
+    if jax.__version_info__[:2] == (0, 11) and devices[0].platform == "cpu":
+        jax.config.update("jax_use_shardy_partitioner", False)
 
 
 def _with_options(function: Callable, plain: Callable, donate: tuple[int, ...], options: Mapping[str, Any]) -> Callable:

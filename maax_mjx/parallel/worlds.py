@@ -50,7 +50,7 @@ class Worlds:
             for several.
         donate: whether `step` and `rollout` reuse the memory of the states that they get, which must not be used
             again.
-        keep_faults: folder in which the last states and actions of worlds that go astray are kept, up to 16 of them;
+        keep_faults: folder in which the last states and actions of worlds with faults are kept, up to 16 of them;
             None keeps none. `faults()` lists the files, `maax.load_fault` reads one, and `maax-mjx info` and
             `maax-mjx replay` show it. It takes memory for eight states of every world, and some per cent of the speed.
 

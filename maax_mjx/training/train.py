@@ -51,10 +51,10 @@ def train(
         on_iteration: called after every iteration; a run ends after it returns False.
         begin_from: a policy that a new run begins with, also of another game with the same columns.
         env: fields of the game's config to change; only with a name.
-        keep_faults: folder for the last moments of worlds that go astray, see `Worlds`.
+        keep_faults: folder for the last moments of worlds with faults, see `Worlds`.
         bar: whether stderr shows the progress.
         transfer: whether `begin_from` may be of a game with other observations and actions: what both games have is
-            taken over by its name, and the last layers and the norms before them are drawn anew, as where Baker et al.
+            taken over by its name, and the last layers and the norms before them start at random, as where Baker et al.
             fine-tune.
         **overrides: settings by dotted name, such as "ppo.lr".
 

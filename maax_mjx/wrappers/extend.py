@@ -24,7 +24,7 @@ def extended(
 ) -> Environment:
     """Makes an environment like another, with more modules and layers.
 
-    All layers are made anew, each around the one below it, so that each knows what was put in; their order is checked
+    All layers are made again, each around the one below it, so that each knows what was put in; their order is checked
     as always. The given environment and modules stay as they are.
 
     Example:

@@ -19,6 +19,7 @@ from maax_mjx.cli import main, saved
 from maax_mjx.cli.options import split_overrides, value_of
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
+from maax_mjx.common.options import number_of
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +121,20 @@ def test_replay(played, kind, capsys):
         (["rollout", "--env.n_boxes", "2", "50", "hide_and_seek", "--worlds=0"], "worlds: got 0"),
         (["rollout", "--worlds=0"], "worlds"),
         (["rollout", "--show=300"], "show: got 300"),
-        (["rollout", "--setps=3"], "--setps"),
+        (["rollout", "--setps=3"], "maax-mjx: unrecognized options: --setps=3; maax-mjx"),
+        (["rollout", "tag", "--stepz", "3"], "unrecognized options: --stepz, 3; did you mean --steps"),
+        (
+            ["train", "tag", "--steps", "1e99"],
+            "maax-mjx: steps: got '1e99'; takes a whole number of at least 1, or None",
+        ),
+        (["train", "tag", "--steps=10.5"], "steps: got '10.5'; takes a whole number"),
+        (["train", "tag", "--minutes=ten"], "minutes: got 'ten'; takes a positive number, or None"),
+        (["train", "tag", "--preset=nope"], "invalid choice 'nope' for argument '--preset'. Expected one of ("),
+        (["rollout", "tag", "--n", "3"], "maax-mjx: unrecognized or misplaced options: --n 3; did you mean"),
+        (["rollout", "tag", "--worlds"], "missing value for argument '--worlds'. Expected 1 values; maax-mjx rollout"),
+        (["evaluate"], "missing from maax-mjx evaluate: STR A policy"),
+        (["bench", "layouts", "--worlds", "many"], "worlds: got ('many',); takes a list, each a whole number"),
+        (["bench", "layouts", "--nope"], "unrecognized options: --nope; maax-mjx bench layouts --help lists"),
         (["worlds", "--n=0"], "n: got 0"),
         (["worlds", "--env.n_boxes=2"], "only rollout"),
         (["replay", __file__], "no saved rollout"),
@@ -159,6 +173,21 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
     told = capsys.readouterr().err
     assert named in told
     assert "Traceback" not in told
+    assert "╭" not in told
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "number"),
+    [
+        ("1e6", int, 1_000_000), ("1_000", int, 1000), ("12", int, 12), ("1e99", int, "1e99"), ("1.5", int, "1.5"),
+        ("nan", int, "nan"), ("inf", int, "inf"), ("1.5", float, 1.5), ("x", float, "x"), ("", float, ""),
+        ("99999999999999999999", int, 99999999999999999999),
+    ],
+)  # fmt: skip
+def test_texts_as_numbers(text, kind, number):
+    found = number_of(text, kind)
+    assert found == number
+    assert type(found) is type(number)
 
 
 @pytest.mark.slow

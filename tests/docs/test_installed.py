@@ -8,10 +8,11 @@ import os
 import subprocess
 import sys
 import sysconfig
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+
+from maax_mjx.common.version import VERSION
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,7 +47,7 @@ def test_the_wheel_is_imported_and_runs(installed, tmp_path):
     where = run(installed / "bin" / "python", "-c", "import maax_mjx; print(maax_mjx.__file__)", cwd=tmp_path)
     assert Path(where.strip()).is_relative_to(installed)
     info = json.loads(run(installed / "bin" / "maax-mjx", "info", "--json", cwd=tmp_path))
-    assert info["maax_mjx"] == version("maax-mjx")
+    assert info["maax_mjx"] == VERSION
     assert info["engines"]["c"] == "works"
     small = ("--worlds=2", "--steps=3", "--show=1", "--env.impl=c", "--json", f"--out={tmp_path / 'out'}")
     played = json.loads(run(installed / "bin" / "maax-mjx", "rollout", "tag", *small, cwd=tmp_path))

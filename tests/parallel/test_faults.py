@@ -1,4 +1,4 @@
-"""Worlds that go astray are kept with what led there, and their last step can be made again and looked at."""
+"""Worlds with faults are kept with what led there, and their last step can be made again and looked at."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_the_shell_says_what_went_wrong(kept, tmp_path, capsys):
     (file,) = worlds.faults()
     main(["info", str(file), "--json"])
     told = json.loads(capsys.readouterr().out)
-    assert (told["world"], told["step"], told["astray again"]) == (str(ASTRAY), "4", "yes")
+    assert (told["world"], told["step"], told["fault again"]) == (str(ASTRAY), "4", "yes")
     assert told["game"].startswith("tag(")
     assert "player_0 is" in told["about"]
     main(["replay", str(file), "--out", str(tmp_path / "fault.png"), "--view", "plan"])

@@ -19,6 +19,7 @@ from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import soak
+from maax_mjx.parallel import shards
 
 N, T, HORIZON = 6, 5, 4
 
@@ -138,6 +139,19 @@ def test_several_devices_on_c_need_threads(env, monkeypatch):
         env.engine.check_devices(2)
     monkeypatch.setenv("NPROC", "8")
     env.engine.check_devices(2)
+
+
+@pytest.mark.parametrize(
+    ("version", "n", "older"), [((0, 11, 2), 2, True), ((0, 11, 2), 1, False), ((0, 12, 0), 2, False)]
+)
+def test_the_partitioner_that_does_not_crash(version, n, older, monkeypatch):
+    """`docs/upstream/shard_map.md`; where jaxlib is 0.11, the tests of several devices crash without it."""
+    changed = {}
+    monkeypatch.setattr(jax, "__version_info__", version)
+    monkeypatch.setattr(type(jax.config), "update", lambda config, name, value: changed.update({name: value}))
+    monkeypatch.setattr(shards, "_select", lambda devices: tuple(jax.devices()) * devices)
+    shards.Shards(4, n, None if n == 1 else "pmap")
+    assert changed == ({"jax_use_shardy_partitioner": False} if older else {})
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""M with the bodies of the thesis's code, from the table of what its files say (GAMES.md, section 9)."""
+"""M with the bodies of the thesis's code, from a table of what its files say."""
 
 from __future__ import annotations
 
