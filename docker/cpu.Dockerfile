@@ -4,10 +4,12 @@ RUN apt-get update && apt-get install -y --no-install-recommends libegl1=1.6.* l
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /maax_mjx
 COPY pyproject.toml README.md CHANGELOG.md LICENSE ./
+COPY docker/constraints.txt constraints.txt
 COPY maax_mjx maax_mjx
-RUN pip install --no-cache-dir ".[viewer]"
-RUN useradd --create-home player
-USER player
+# hadolint ignore=DL3013
+RUN pip install --no-cache-dir -c constraints.txt ".[viewer]" \
+    && useradd --create-home --uid 1000 player
+USER 1000
 WORKDIR /home/player
 ENTRYPOINT ["maax-mjx"]
 CMD ["info"]
