@@ -72,7 +72,7 @@ CONSTRUCTION = {
     "scenario": (
         lambda: WallScenarios("quda"),
         "scenario: got 'quda'",
-        "['empty', 'half', 'quad', 'random', 'tri', 'var_quad']",
+        "['empty', 'half', 'quad', 'random', 'screens', 'tri', 'var_quad']",
         "did you mean 'quad'?",
     ),
     "boxes negative": (lambda: Boxes(-1), "n_boxes: got -1", COUNT),
