@@ -139,7 +139,8 @@ def test_outer(run, tmp_path):
     assert [row["outer"] for row in rows] == list(outer.OUTER)
     walls = rows[0]["env_steps_per_s"]
     for row in rows:
-        assert row["ratio"] == pytest.approx(row["env_steps_per_s"] / walls, abs=0.02)
+        # Steps per second are whole numbers, and few on a machine that is busy.
+        assert row["ratio"] == pytest.approx(row["env_steps_per_s"] / walls, rel=1 / walls, abs=0.02)
 
 
 def test_grabs(run, tmp_path):
