@@ -83,7 +83,7 @@ def test_joints_that_fit_are_taken(tmp_path):
         add(Things(from_file(tmp_path), free=True))
 
 
-INNER = '<body name="lid">' + GEOM.format("lid") + "</body>"
+INNER = '<body name="lid"><joint name="hinge" type="ball"/>' + GEOM.format("lid") + "</body>"
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,10 @@ INNER = '<body name="lid">' + GEOM.format("lid") + "</body>"
         (lambda path: lambda name: None, "make: Things returned None; takes an object of maax_mjx.worldgen"),
         (lambda path: lambda name: Geom("sphere", (0.2,), name="ball"), "returned an object named 'ball'; takes one"),
         (lambda path: from_file(path, geoms=GEOM.format("top")), "without a geom named 'thing0'; takes one"),
-        (lambda path: from_file(path, geoms=BOX + INNER), "'thing0:lid' is a body inside an entity"),
+        (
+            lambda path: from_file(path, geoms=BOX + INNER),
+            "returned an object with 'thing0:hinge', a ball joint; takes",
+        ),
     ],
 )
 def test_what_make_returns_is_checked(tmp_path, made, says):

@@ -216,11 +216,14 @@ def test_floors_have_a_size_of_their_own(zoo):
     outer = wall_rects(env, state)[:, :4]
     there = ~np.isnan(outer[:, 0, 0])
     cell = floor[there] / 30
-    close(outer[there].min(axis=(1, 2)), cell / 4, atol=1e-5)
-    close(outer[there].max(axis=(1, 2)), floor[there] - cell / 4, atol=1e-5)
-    close((outer[..., 2:] - outer[..., :2]).min(axis=-1)[there], np.repeat(cell[:, None] / 2, 4, 1), atol=1e-5)
-    lengths = (outer[..., 2:] - outer[..., :2]).max(axis=-1)[there]
-    assert (np.abs(lengths - floor[there, None]) < 2 * cell[:, None]).all()
+    # They stand in the cells at the edge, and reach a metre further out in the physics.
+    close(outer[there].min(axis=(1, 2)), -1, atol=1e-5)
+    close(outer[there].max(axis=(1, 2)), floor[there] + 1, atol=1e-5)
+    close((outer[..., 2:] - outer[..., :2]).min(axis=-1)[there], np.repeat(1 + 0.75 * cell[:, None], 4, 1), atol=1e-5)
+    close((outer[..., 2:] - outer[..., :2]).max(axis=-1)[there], np.repeat(floor[there, None] + 2, 4, 1), atol=1e-5)
+    planned = np.asarray(state.world.plan.walls)[there, :4]
+    close(planned.min(axis=(1, 2)), cell / 4, atol=1e-5)
+    close(planned.max(axis=(1, 2)), floor[there] - cell / 4, atol=1e-5)
 
 
 def test_observations(zoo, batch_step):

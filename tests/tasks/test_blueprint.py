@@ -82,7 +82,7 @@ def test_corners_are_where_the_boxes_are():
     observing = maax.BoxCorners(env)
     observed = jax.vmap(observing.observation)(states)["box_corner_pos"]
     there = np.asarray(states.world.active["box"])
-    np.testing.assert_array_equal(np.asarray(observed)[there], np.asarray(found)[there])
+    np.testing.assert_allclose(np.asarray(observed)[there], np.asarray(found)[there], atol=1e-6)
     assert not np.asarray(observed)[~there].any()
     assert (~there).any()
     assert maax.SplitObservations(observing).observation_space["box_corner_pos"].shape == (1, 5, 4, 3)
