@@ -7,10 +7,10 @@ import numpy as np
 from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Observed, flag
 from maax_mjx.core.env import Environment
 from maax_mjx.wrappers import AddConstantObservations, SelectObservations
+from maax_mjx.wrappers.locks.wrapper import COLUMNS as LOCKS
 from maax_mjx.wrappers.split import OTHER
 
 POSE = (*POSITION, *TURN, *VELOCITY, *SPIN)
-LOCK = flag("you_lock", "team_lock", "obj_lock")
 N_RAMPS = 1
 
 
@@ -41,7 +41,7 @@ def with_made_up(env: Environment, n_others: int, *, hider: bool) -> Environment
     if "ramp_obs" not in env.observed:
         ramps = (AGENT, "ramp")
         constants |= {
-            "ramp_obs": (Observed(ramps, (*POSE, *LOCK)), np.zeros((1, N_RAMPS, len(POSE) + len(LOCK)))),
+            "ramp_obs": (Observed(ramps, (*POSE, *LOCKS)), np.zeros((1, N_RAMPS, len(POSE) + len(LOCKS)))),
             "ramp_mask": (Observed(ramps), np.zeros((1, N_RAMPS), bool)),
             "sees_ramp": (Observed(ramps), np.zeros((1, N_RAMPS), bool)),
         }
