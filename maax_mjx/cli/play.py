@@ -35,7 +35,7 @@ class Play:
     policy: str = "random"
     """Who plays the other agents: a trained policy (a file, the folder of a run, or a name, quadrant/forts), whose game
     is set as it was learnt, or random, still, chase, close_door, tag, capture_the_flag, lock_and_return,
-    sequential_lock, shelter."""
+    sequential_lock, blueprint, shelter."""
     opponents: str | None = None
     """Who plays the other teams; by default the policy."""
     agent: str | None = None

@@ -118,36 +118,27 @@ def over_the_wall(impl: str = "auto") -> Scene:
 
 def lock_and_return(impl: str = "auto") -> Scene:
     """An agent finds its way through six rooms to the box, locks it, and goes back where it began."""
-    env = make("lock_and_return", impl=impl, observations="raw", horizon=120)
+    return _alone("lock_and_return", walking.lock_and_return, impl, 120)
 
-    def act(state: State) -> dict[str, Any]:
-        forces, parts = walking.lock_and_return(state, env)
-        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
-    return Scene(env, env.reset, act, 118)
+def lock_all(impl: str = "auto") -> Scene:
+    """An agent locks both boxes of the quadrant game, the nearer one first."""
+    return _alone("lock_all", walking.lock_and_return, impl, 80)
+
+
+def lock_order(impl: str = "auto") -> Scene:
+    """An agent locks both boxes in their order, in random rooms."""
+    return _alone("lock_order", walking.lock_and_return, impl, 80, scenario="random")
 
 
 def blueprint(impl: str = "auto") -> Scene:
     """An agent carries boxes to construction sites, and locks them there; by forces, not bins."""
-    env = make("blueprint", impl=impl, observations="raw", n_bins=None, horizon=150)
-
-    def act(state: State) -> dict[str, Any]:
-        forces, parts = building.blueprint(state, env)
-        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
-
-    return Scene(env, env.reset, act, 148)
+    return _alone("blueprint", building.blueprint, impl, 150, n_bins=None)
 
 
 def sequential_lock(impl: str = "auto") -> Scene:
     """An agent locks four boxes in their order, and gets over walls to them by ramps; by forces, not bins."""
-    horizon = 120
-    env = make("sequential_lock", impl=impl, observations="raw", n_bins=None, horizon=horizon)
-
-    def act(state: State) -> dict[str, Any]:
-        forces, parts = climbing.sequential_lock(state, env)
-        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
-
-    return Scene(env, env.reset, act, horizon - 2)
+    return _alone("sequential_lock", climbing.sequential_lock, impl, 120, n_bins=None)
 
 
 def shelter(impl: str = "auto", horizon: int = 480) -> Scene:
@@ -157,13 +148,21 @@ def shelter(impl: str = "auto", horizon: int = 480) -> Scene:
         impl: name of the engine.
         horizon: in env steps.
     """
-    env = make("shelter", impl=impl, observations="raw", n_bins=None, horizon=horizon)
+    return _alone("shelter", sheltering.shelter, impl, horizon, n_bins=None)
 
-    def act(state: State) -> dict[str, Any]:
-        forces, parts = sheltering.shelter(state, env)
-        return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
-    return Scene(env, env.reset, act, horizon - 2)
+def _alone(game: str, script: scripted.SoloScript, impl: str, horizon: int, **options: Any) -> Scene:
+    """A game of one agent that a script plays, up to the step before the last.
+
+    Args:
+        game: its name.
+        script: what its agent does.
+        impl: name of the engine.
+        horizon: in env steps.
+        **options: other fields of the game's config.
+    """
+    env = make(game, impl=impl, observations="raw", horizon=horizon, **options)
+    return Scene(env, env.reset, lambda state: scripted.act_alone(script, state, env), horizon - 2)
 
 
 SCENES = {
@@ -171,6 +170,8 @@ SCENES = {
     "closed_door": closed_door,
     "over_the_wall": over_the_wall,
     "lock_and_return": lock_and_return,
+    "lock_all": lock_all,
+    "lock_order": lock_order,
     "blueprint": blueprint,
     "sequential_lock": sequential_lock,
     "shelter": shelter,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -17,6 +17,9 @@ PASSING = 0.35
 """Metres from a door's middle within which an agent counts as being in it."""
 BEHIND = 0.43
 """Metres from a box's centre to that of an agent that touches it, with a small margin."""
+
+SoloScript = Callable[[State, Environment], tuple[jax.Array, dict[str, Any]]]
+"""`(state, env) -> (forces (3,), other parts of the action by name)` of a game's one agent."""
 
 
 def to_action(env: Environment, forces: jax.Array, **parts: jax.Array) -> dict[str, jax.Array]:
@@ -38,6 +41,12 @@ def to_action(env: Environment, forces: jax.Array, **parts: jax.Array) -> dict[s
             part = jnp.asarray(parts.get(name, jnp.zeros(shape[0])), jnp.int32)
             action[name] = jnp.broadcast_to(part.reshape(-1, *[1] * (len(shape) - 1)), shape)
     return action
+
+
+def act_alone(script: SoloScript, state: State, env: Environment) -> dict[str, jax.Array]:
+    """Returns the action of a game's one agent, which a script plays."""
+    forces, parts = script(state, env)
+    return to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
 
 
 def towards(state: State, env: Environment, agent: int, goal: jax.Array, force: float = 1.0) -> jax.Array:

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks import climbing, scripted, scripted_players, sheltering, walking
-from maax_mjx.wrappers import CaptureTheFlag, GrabObjects, LockObjects, LockTask, Tag
+from maax_mjx.tasks import building, climbing, scripted, scripted_players, sheltering, walking
+from maax_mjx.wrappers import BlueprintReward, CaptureTheFlag, GrabObjects, LockObjects, LockTask, Tag
 from maax_mjx.wrappers.wrapper import find
 
 Script = Callable[[Environment, State, jax.Array], Any]
@@ -79,22 +79,13 @@ def _close_door(env: Environment, state: State, key: jax.Array) -> Any:
     return scripted.to_action(env, jnp.stack([act[0] for act in acts]), **parts)
 
 
-def _lock_and_return(env: Environment, state: State, key: jax.Array) -> Any:
-    """The agent goes to what it is to lock, and back."""
-    forces, parts = walking.lock_and_return(state, env)
-    return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+def _alone(script: scripted.SoloScript) -> Script:
+    """A script of a game's one agent."""
 
+    def play(env: Environment, state: State, key: jax.Array) -> Any:
+        return scripted.act_alone(script, state, env)
 
-def _sequential_lock(env: Environment, state: State, key: jax.Array) -> Any:
-    """The agent goes over ramps to the boxes, and locks them in their order."""
-    forces, parts = climbing.sequential_lock(state, env)
-    return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
-
-
-def _shelter(env: Environment, state: State, key: jax.Array) -> Any:
-    """The agent puts boxes around the cylinder."""
-    forces, parts = sheltering.shelter(state, env)
-    return scripted.to_action(env, forces[None], **{name: part[None] for name, part in parts.items()})
+    return play
 
 
 def _tag(env: Environment, state: State, key: jax.Array) -> Any:
@@ -109,6 +100,10 @@ def _capture_the_flag(env: Environment, state: State, key: jax.Array) -> Any:
 
 def _has_lock_task(env: Environment) -> None:
     walking.task_of(env, LockTask, "lock_and_return")
+
+
+def _has_sites(env: Environment) -> None:
+    walking.task_of(env, BlueprintReward, "blueprint")
 
 
 def _has_tag(env: Environment) -> None:
@@ -130,9 +125,10 @@ SCRIPTED: dict[str, Scripted] = {
     "random": Scripted("random", _random),
     "still": Scripted("still", _still),
     "chase": Scripted("chase", _chase),
-    "lock_and_return": Scripted("lock_and_return", _lock_and_return, _has_lock_task),
-    "sequential_lock": Scripted("sequential_lock", _sequential_lock, climbing.check_sequential_lock),
-    "shelter": Scripted("shelter", _shelter, sheltering.check_shelter),
+    "lock_and_return": Scripted("lock_and_return", _alone(walking.lock_and_return), _has_lock_task),
+    "sequential_lock": Scripted("sequential_lock", _alone(climbing.sequential_lock), climbing.check_sequential_lock),
+    "blueprint": Scripted("blueprint", _alone(building.blueprint), _has_sites),
+    "shelter": Scripted("shelter", _alone(sheltering.shelter), sheltering.check_shelter),
     "tag": Scripted("tag", _tag, _has_tag),
     "capture_the_flag": Scripted("capture_the_flag", _capture_the_flag, _has_flags),
     "close_door": Scripted("close_door", _close_door, _can_close_doors),
