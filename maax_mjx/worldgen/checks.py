@@ -14,9 +14,12 @@ def check_vector(
     """Returns `length` finite numbers in [low, high] as an array; `takes` describes them in the message."""
     try:
         vector = np.asarray(value, float)
+        # NumPy takes True for 1, which is seldom what was meant.
+        is_number = not any(isinstance(x, bool | np.bool_) for x in np.asarray(value, object).flat)
     except (TypeError, ValueError):
-        vector = np.zeros(0)
-    if vector.shape != (length,) or not np.isfinite(vector).all() or not ((vector >= low) & (vector <= high)).all():
+        vector, is_number = np.zeros(0), False
+    is_inside = np.isfinite(vector).all() and ((vector >= low) & (vector <= high)).all()
+    if not is_number or vector.shape != (length,) or not is_inside:
         raise ValueError(f"{name}: got {value!r}; takes {takes}")
     return vector
 

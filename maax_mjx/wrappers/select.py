@@ -166,11 +166,16 @@ class AddConstantObservations(ObservationWrapper):
                 raise ValueError(f"constants: got {described(given)} for {name!r}; takes (Observed(...), array)")
             self._declared[name] = given[0]
             self._arrays[name] = _constant(name, given[1])
+        known = env.observed | self._declared
+        for name, one in self._declared.items():
+            for mask in filter(None, (one.present, one.seen)):
+                if mask not in known:
+                    raise ValueError(f"constants: got the mask {mask!r} for {name!r}; takes one of {sorted(known)}")
         shapes = {
             name: space.shape or () for name, space in env.observation_space.spaces.items() if name in env.observed
         }
         shapes |= {name: x.shape for name, x in self._arrays.items()}
-        check_shapes(env.observed | self._declared, shapes, type(self).__name__)
+        check_shapes(known, shapes, type(self).__name__)
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         return state.obs | {name: jnp.asarray(x) for name, x in self._arrays.items()}

@@ -101,6 +101,7 @@ def test_constants_are_the_same_in_all_worlds_and_are_split():
         ({"x": (maax.Observed(("good",)), [2**40])}, "takes finite numbers of 32 bits"),
         ({"x": (maax.Observed(("good",)), [[1], [2, 3]])}, "takes an array of numbers"),
         ([("x", 1)], "takes a dict by name"),
+        ({"x": (maax.Observed(("agent",), seen="sees_dragon"), np.zeros(2))}, "got the mask 'sees_dragon' for 'x'"),
     ],
 )
 def test_what_does_not_fit_is_refused(constants, message):

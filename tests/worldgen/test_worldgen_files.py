@@ -239,6 +239,7 @@ BAD_POSES = [
     ({"x": 1.0}, r"got a value for 'x'; takes joints of the file, except the slides"),
     ({"gate": (1, 2)}, r"default_qpos\['gate'\]: got \(1, 2\); takes a number"),
     ({"gate": "open"}, r"default_qpos\['gate'\]: got .*'open'.*; takes a number"),
+    ({"gate": True}, r"default_qpos\['gate'\]: got .*True.*; takes a number"),
     ({"ball": 1.0}, r"default_qpos\['ball'\]: got 1.0; takes a quaternion"),
     ({"ball": (0, 0, 0, 0)}, r"default_qpos\['ball'\]: got \(0, 0, 0, 0\); takes a quaternion"),
     ([1.0], r"got \[1.0\]; takes a dict"),

@@ -261,6 +261,7 @@ BAD = [
     (lambda: Geom("box", BOX, friction=-0.1), "^friction"),
     (lambda: Wedge(damping=-0.1), "^damping"),
     (lambda: Wedge(rgba=(1, 1, 1)), "^rgba"),
+    (lambda: Floor((True, 2.0)), r"^size: got \(True, 2.0\)"),
     (lambda: Floor().append(Geom("box", BOX), "a").add_transform(None), "^fn"),
 ]
 
