@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import jax
@@ -97,7 +98,9 @@ def test_hiders_and_seekers_beat_scripted_ones():
 
 
 def test_all_opponents_are_looked_at_before_the_first_match(monkeypatch):
-    monkeypatch.setattr("maax_mjx.training.evaluate._match", lambda *args: pytest.fail("a match was played"))
+    monkeypatch.setattr(
+        sys.modules["maax_mjx.training.evaluate"], "_match", lambda *args: pytest.fail("a match was played")
+    )
     env = training.Policy.load("tag/trained").make_env(impl="c", horizon=3)
     with pytest.raises(ValueError, match="against: got 'chaes', and nothing is there"):
         training.evaluate("tag/trained", ["random", "chaes"], 2, env)
