@@ -89,6 +89,12 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     return value
 
 
+def is_again(new: Any, old: Any) -> bool:
+    """Whether a function is another one anew: a cell of a notebook that ran twice, a module that was reloaded."""
+    names = [(getattr(fn, "__module__", None), getattr(fn, "__qualname__", "<lambda>")) for fn in (new, old)]
+    return names[0] == names[1] and "<" not in names[0][1]
+
+
 def check_new_name(name: object, taken: Iterable[str]) -> str:
     """A name that nothing is registered by yet.
 

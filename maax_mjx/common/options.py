@@ -12,6 +12,9 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 
 T = TypeVar("T")
 
+OPTION = r"^[│|]? {1,7}(--[a-zA-Z][\w.-]*)"
+"""An option at the beginning of a line of tyro's; what helps with it is further in."""
+
 NUMBERS = ConstructorRegistry()
 """Takes every text as a number; `check_fields`, which all commands call, refuses those that are none."""
 
@@ -64,8 +67,8 @@ def sentence(box: str) -> str:
     if not box.lstrip().startswith("╭"):  # where only ASCII can be printed: the title, and a line below it
         parts = parts[1:]
     said = re.sub(r" \(applied to [^)]*\)", "", parts[0]).partition(" Arguments are applied")[0].rstrip(".")
-    meant = dict.fromkeys(re.findall(r"--[\w.-]+", " ".join(part for part in parts if part.startswith("Perhaps"))))
-    meant.pop("--help", None)
+    near = box.partition("Perhaps")[2]
+    meant = dict.fromkeys(re.findall(OPTION, near, re.MULTILINE))
     hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
-    helped = re.search(r"maax-mjx[\w -]* --help", parts[-1])
+    helped = re.search(r"maax-mjx[\w -]* --help", near) or re.search(r"maax-mjx[\w -]* --help", parts[-1])
     return said[:1].lower() + said[1:] + hint + (f"; {helped[0]} lists what it takes" if helped else "")

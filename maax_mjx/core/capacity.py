@@ -94,6 +94,7 @@ def check_room(modules: Sequence[Module], grid_size: int, floor_size: float) -> 
             f"the floor takes up to {grid_size} x {grid_size}"
         )
     if sum(w * h for _, (w, h) in footprints) > JAMMING * free:
+        module = max(modules, key=lambda m: sum(w * h for owner, (w, h) in footprints if owner is m))
         counts = ", ".join(f"{len(m.extents)} {_plural(m)}" for m in modules if m.extents)
         raise ValueError(
             f"n_{_plural(module)}: got {len(footprints)} objects in all ({counts}); the floor takes {room}: {free} "

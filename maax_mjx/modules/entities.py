@@ -66,6 +66,11 @@ class Entities(Placed):
         minimum: int = 0,
     ):
         super().__init__(count, placement_fn, random_yaw=random_yaw, minimum=minimum)
+        if type(self).make is Entities.make:
+            raise ValueError(
+                f"make: {type(self).__name__} has none; takes a class with a method make(name) that returns an object "
+                "of maax_mjx.worldgen, such as Geom"
+            )
         self.extent = np.asarray(extent, np.float32)
         self.friction_name = self.friction_name or f"{self.kind}_friction"
         self.friction = (
@@ -105,7 +110,8 @@ class Entities(Placed):
     def check(self, grid_size: int, floor_size: float) -> None:
         super().check(grid_size, floor_size)
         if self.n_max:
-            self.inner = check_made(self.make(self.names[0]), self.names[0], type(self).__name__, free=self.free)
+            name, who = self.names[0], type(self).__name__
+            self.inner = check_made(self.make(name), name, who, self.extent, free=self.free)
 
     @property
     def contact_points(self) -> float:

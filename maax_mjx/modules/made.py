@@ -16,6 +16,8 @@ UPRIGHT = (("x", SLIDE, (1, 0, 0)), ("y", SLIDE, (0, 1, 0)), ("z", SLIDE, (0, 0,
 """Joints in their order: name, type, axis."""
 PARKING = 1e3
 """Metres: the edge of a floor that has room for anything."""
+TOO_LARGE = 1e-3
+"""Metres by which an object may exceed its extent."""
 
 
 class Inner(NamedTuple):
@@ -36,18 +38,19 @@ class Inner(NamedTuple):
         return Column(self.name, unit, scale), Column(f"{self.name} velocity", f"{unit}/s", speed)
 
 
-def check_made(made: Any, name: str, who: str, *, free: bool) -> tuple[Inner, ...]:
+def check_made(made: Any, name: str, who: str, extent: np.ndarray, *, free: bool) -> tuple[Inner, ...]:
     """Returns the joints of bodies inside an object, which is refused if `Entities` cannot place, move and observe it.
 
     Args:
         made: what `make(name)` returned.
         name: the object's name.
         who: class that made it.
+        extent: (3,), what the class says that it takes of the floor at most, in metres.
         free: whether it should have a free joint.
 
     Raises:
         ValueError: no object, one of another name, no geom of the object's name, other joints, a body that is not in
-            the middle of the object, ball joints inside, or equalities and tendons.
+            the middle of the object, an object larger than its extent, ball joints inside, or equalities and tendons.
     """
     if not isinstance(made, Obj):
         raise ValueError(
@@ -81,6 +84,12 @@ def check_made(made: Any, name: str, who: str, *, free: bool) -> tuple[Inner, ..
             f"make: {who} returned a body {np.round(off, 4).tolist()} m from the middle of its object; takes one in "
             "the middle, as in a file where the box of 'annotation:outer_bound' is around the origin of 'main'"
         )
+    # Layouts keep the extent free, so that what is larger would begin inside of other things.
+    if (made.size > np.asarray(extent) + TOO_LARGE).any():
+        raise ValueError(
+            f"make: {who} returned an object of {_metres(made.size)} m; takes one no larger than the extent that "
+            f"{who} has, {_metres(extent)} m"
+        )
     for kind, elements in (("an equality", spec.equalities), ("a tendon", spec.tendons)):
         if elements:
             raise ValueError(f"make: {who} returned an object with {kind}; takes bodies, geoms, joints and sites")
@@ -91,6 +100,10 @@ def check_made(made: Any, name: str, who: str, *, free: bool) -> tuple[Inner, ..
                 f"make: {who} returned an object with {joint.name!r}, a ball joint; takes hinges and slides inside"
             )
     return tuple(Inner(joint.name.removeprefix(f"{name}:"), joint.type == HINGE) for joint in inside)
+
+
+def _metres(size: np.ndarray) -> str:
+    return " x ".join(f"{edge:.3g}" for edge in size)
 
 
 def _is_free(joints: list[tuple[str, int, np.ndarray]]) -> bool:

@@ -78,7 +78,8 @@ def check_policy(policy: Any, with_memory: bool, args: tuple[Any, ...]) -> None:
     """
     called = ("state", "key", *(("memory",) if with_memory else ()), *(f"args[{i}]" for i in range(len(args))))
     if not callable(policy):
-        raise ValueError(f"policy: got {described(policy)}; takes a function of ({', '.join(called)})")
+        trained = ", or a trained policy: training.Policy.load(name)" if isinstance(policy, str) else ""
+        raise ValueError(f"policy: got {described(policy)}; takes a function of ({', '.join(called)}){trained}")
     try:
         signature = inspect.signature(policy)
     except (TypeError, ValueError):

@@ -170,6 +170,8 @@ def evaluate(
         ValueError: an unknown opponent or team, a policy that does not fit the game, or a game without a horizon.
     """
     episodes = check_count("episodes", episodes, minimum=2)
+    if isinstance(against, str | Path | TrainedPolicy):
+        raise ValueError(f"against: got {described(against)}; takes a list, such as ['random']")
     if env is None:
         if isinstance(policy, str) and policy in SCRIPTED:
             raise ValueError(f"env: got None with the scripted {policy!r}; takes an environment")
@@ -184,9 +186,12 @@ def evaluate(
         raise ValueError("env: got one without teams; takes a game of teams")
     worlds = Worlds(env, episodes, devices)
     mine = seated(player_of("policy", policy), env)
+    # All of them before the first match, which takes minutes in some games.
+    others = [
+        mine if isinstance(one, str) and one == SELF else seated(player_of("against", one), env) for one in against
+    ]
     matches = []
-    for one in against:
-        other = mine if isinstance(one, str) and one == SELF else seated(player_of("against", one), env)
+    for one, other in zip(against, others, strict=True):
         name = one if isinstance(one, str) else repr(one)
         matches += [_match(worlds, mine, other, team, name, seed) for team in names]
     return Evaluation(tuple(matches))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from gymnasium import spaces
 
 from maax_mjx.common.arrays import null_rows
-from maax_mjx.common.checks import described
+from maax_mjx.common.checks import array_words, described
 from maax_mjx.common.observed import Observed, check_arrays
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Base, Environment, check_environment
@@ -52,6 +52,7 @@ class Wrapper(Environment):
     def __init__(self, env: Environment):
         self.env = check_environment(env)
         mine = type(self).__name__
+        _check_implemented(self)
         for kind in self.requires:
             self.inner(kind)
         for layer in env.layers:
@@ -236,11 +237,33 @@ class RewardWrapper(Wrapper):
         state = self.env.advance(state, action)
         reward = self.reward(state)
         if reward is None or jnp.shape(reward) != (self.n_agents,):
+            got = array_words(reward) if hasattr(reward, "dtype") else described(reward)
             raise ValueError(
-                f"reward: {type(self).__name__} returned {described(reward)}; takes an array {(self.n_agents,)}, one "
-                "number for each agent"
+                f"reward: {type(self).__name__} returned {got}; takes an array {(self.n_agents,)}, one number for each "
+                "agent"
             )
         return state.replace(reward=reward)
+
+
+IMPLEMENTED: tuple[tuple[type[Wrapper], str, str], ...] = (
+    (ActionWrapper, "action", "transition"),
+    (ObservationWrapper, "observation", "observe"),
+    (StateWrapper, "observe", "transition"),
+    (RewardWrapper, "reward", "transition"),
+)
+"""Kinds of wrappers, the method that a subclass implements, and the one that calls it."""
+
+
+def _check_implemented(wrapper: Wrapper) -> None:
+    """Refuses a wrapper whose method is missing, or has a misspelt name, before it is first called.
+
+    Raises:
+        ValueError: neither the method nor the one that calls it is the subclass's own.
+    """
+    mine = type(wrapper)
+    for kind, method, caller in IMPLEMENTED:
+        if isinstance(wrapper, kind) and all(getattr(mine, name) is getattr(kind, name) for name in (method, caller)):
+            raise ValueError(f"{method}: {mine.__name__} has none; takes a {kind.__name__} with a method of this name")
 
 
 def find(env: Environment, kind: type[W]) -> W | None:

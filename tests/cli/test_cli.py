@@ -122,7 +122,11 @@ def test_replay(played, kind, capsys):
         (["rollout", "--worlds=0"], "worlds"),
         (["rollout", "--show=300"], "show: got 300"),
         (["rollout", "--setps=3"], "maax-mjx: unrecognized options: --setps=3; maax-mjx"),
-        (["rollout", "tag", "--stepz", "3"], "unrecognized options: --stepz, 3; did you mean --steps"),
+        (
+            ["rollout", "tag", "--stepz", "3"],
+            "unrecognized options: --stepz, 3; did you mean --steps?; maax-mjx",
+        ),
+        (["train", "tag", "--mintues", "2"], "--mintues, 2; did you mean --minutes?; maax-mjx train --help lists"),
         (
             ["train", "tag", "--steps", "1e99"],
             "maax-mjx: steps: got '1e99'; takes a whole number of at least 1, or None",

@@ -15,6 +15,7 @@ from helpers import seeds
 
 import maax_mjx as maax
 from maax_mjx import Agents, Base, Boxes, DomainParams, Ramps, WallScenarios, WorldParams, Worlds
+from maax_mjx.worldgen import Geom
 
 NAN = float("nan")
 
@@ -68,7 +69,47 @@ NO_DOOR = ("door_size: got 15 cells", "takes 0 to 13")
 NO_ROOM = ("boxes: got 54 objects", "50 boxes", "the floor takes 46", "754 free")
 COLOURS = "takes 2 colours of four numbers in [0, 1], one each"
 
+
+class Misspelt(maax.RewardWrapper):
+    def rewards(self, state):
+        return state.reward
+
+
+class Shapeless(maax.Entities):
+    kind = "blob"
+
+
+class Balls(maax.Entities):
+    """Balls of 2 m in places of 0.4 m."""
+
+    kind = "ball"
+
+    def __init__(self, n_balls):
+        super().__init__(n_balls, (0.4, 0.4, 0.4), maax.uniform_placement, free=True)
+
+    def make(self, name):
+        return Geom("sphere", (2.0,), name=name, free=True)
+
+
 CONSTRUCTION = {
+    "no reward": (lambda: Misspelt(standard()), "reward: Misspelt has none", "a RewardWrapper with a method"),
+    "no observe": (lambda: maax.StateWrapper(standard()), "observe: StateWrapper has none"),
+    "no observation": (lambda: maax.ObservationWrapper(standard()), "observation: ObservationWrapper has none"),
+    "no action": (lambda: maax.ActionWrapper(standard()), "action: ActionWrapper has none"),
+    "nothing made": (
+        lambda: Shapeless(1, (0.1, 0.1, 0.1), maax.uniform_placement),
+        "make: Shapeless has none",
+        "a method make(name) that returns an object",
+    ),
+    "larger than its place": (
+        lambda: base(1, Balls(1)),
+        "make: Balls returned an object of 2 x 2 x 2 m",
+        "takes one no larger than the extent that Balls has, 0.4 x 0.4 x 0.4 m",
+    ),
+    "whose are too many": (
+        lambda: base(4, Agents(4), Boxes(400)),
+        "n_boxes: got 404 objects in all (4 agents, 400 boxes)",
+    ),
     "scenario": (
         lambda: WallScenarios("quda"),
         "scenario: got 'quda'",

@@ -59,7 +59,7 @@ COMMANDS = [
     for page in PAGES
     if page.stem in ("README", "command_line")
     for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)
-    for line in block.splitlines()
+    for line in block.replace("\\\n", "").splitlines()  # a command may go on in the next line
     # What takes minutes is run at its smallest by tests/cli/test_train.py.
     if line.startswith("maax-mjx ") and "runs/" not in line
 ]

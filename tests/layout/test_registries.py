@@ -144,7 +144,7 @@ def test_doors_that_may_be_missing_have_a_mask():
     ("change", "message"),
     [
         ({"name": "quad"}, "name: got 'quad'; takes a name that is not taken, as are"),
-        ({"name": "cross"}, "name: got 'cross'"),
+        ({"name": "cross", "draw": lambda key, grid_size: cross(key, grid_size)}, "name: got 'cross'"),
         ({"name": 3}, "name: got 3"),
         ({"draw": "half"}, "draw: got 'half'; takes a function"),
         ({"n_walls": -1}, "n_walls: got -1; takes a whole number of at least 0"),
@@ -160,6 +160,23 @@ def test_scenarios_that_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         register_scenario(**({"name": "new", "draw": cross, "n_walls": 4, "n_rooms": 4} | change))
     assert scenario_names() == before
+
+
+def test_what_a_notebook_defines_anew_is_registered_anew():
+    """A cell that runs twice makes a function of the same name; the later one counts."""
+
+    def ran():
+        names = {"__name__": "__main__"}
+        exec("def mine(layout, cells): return cells", names)
+        return names["mine"]
+
+    first, second = ran(), ran()
+    register_placement("mine", first)
+    register_placement("mine", second)
+    assert placement_by_name("mine") is second
+    with pytest.raises(ValueError, match="name: got 'mine'; takes a name that is not taken"):
+        register_placement("mine", maax.quad_placement)
+    register_scenario("cross", cross, n_walls=4, n_rooms=4)
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,7 @@ MISTAKES = {
     "array": (dict(keep=("reward.x",)), "there is an array without parts"),
     "steps": (dict(n_steps=0), "n_steps: got 0"),
     "policy": (dict(policy=3), "policy: got 3"),
+    "name of a policy": (dict(policy="chase"), "(state, key), or a trained policy: training.Policy.load(name)"),
     "action": (dict(policy=lambda state, key: {"move": jnp.zeros((3, 3))}), "'move' has shape (3, 3); takes (2, 3)"),
     "key": (dict(key=jnp.zeros(2, jnp.uint32)), "key: got an array of uint32"),
 }

@@ -209,6 +209,7 @@ def test_a_game_of_ones_own(registered):
     assert maax.config_of("harvest").n_food == 3
     with pytest.raises(ValueError, match="did you mean 'n_food'"):
         maax.make("harvest", n_fod=1)
+    maax.register("harvest", harvest, HarvestConfig)  # again, as a cell of a notebook does
 
 
 REFUSED = {

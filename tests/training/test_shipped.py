@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import jax
@@ -94,3 +95,14 @@ def test_hiders_and_seekers_beat_scripted_ones():
     env = training.Policy.load("hide_and_seek/per_team").make_env(impl="c")
     for match in training.evaluate("hide_and_seek/per_team", ["chase"], 24, env).matches:
         assert match.won.mean > 0.85
+
+
+def test_all_opponents_are_looked_at_before_the_first_match(monkeypatch):
+    monkeypatch.setattr(
+        sys.modules["maax_mjx.training.evaluate"], "_match", lambda *args: pytest.fail("a match was played")
+    )
+    env = training.Policy.load("tag/trained").make_env(impl="c", horizon=3)
+    with pytest.raises(ValueError, match="against: got 'chaes', and nothing is there"):
+        training.evaluate("tag/trained", ["random", "chaes"], 2, env)
+    with pytest.raises(ValueError, match=r"against: got 'random'; takes a list, such as \['random'\]"):
+        training.evaluate("tag/trained", "random", 2, env)
