@@ -1,16 +1,17 @@
-"""`maax-mjx info`: installed versions, and the configs of environments."""
+"""`maax-mjx info`: installed versions, the configs of environments, policies, and faults."""
 
 from __future__ import annotations
 
 import inspect
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import tyro
 from gymnasium import spaces
 
@@ -22,6 +23,8 @@ from maax_mjx.core.describe import Description, Row
 from maax_mjx.parallel.recording import read
 from maax_mjx.physics import best_impl, check_impl, impls
 from maax_mjx.tasks.published import as_published
+from maax_mjx.training.evaluate import player_of
+from maax_mjx.training.shipped import file_of
 from maax_mjx.viewer.gl import backends
 
 PACKAGES = (
@@ -41,11 +44,11 @@ PACKAGES = (
 
 @dataclass
 class Info:
-    """Shows what is installed, an environment's config, teams and spaces, or what went wrong in a world."""
+    """Shows what is installed, an environment's config, teams and spaces, a policy, or what went wrong in a world."""
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
-    """An environment's name, or a game in a file, my_game.py:football; or a file of keep_faults, whose last step is
-    made again; without, what is installed."""
+    """An environment's name, or a game in a file, my_game.py:football; or a policy, quadrant/forts, its file or
+    the folder of its run; or a file of keep_faults, whose last step is made again; without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 
@@ -62,6 +65,12 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
                 f"env: got {sorted(overrides)} for {args.env}; a fault is of the game that it has, without other fields"
             )
         result = of_fault(Path(args.env))
+    elif args.env and is_of_policy(args.env):
+        if overrides:
+            raise ValueError(
+                f"env: got {sorted(overrides)} for {args.env}; a policy is of its own game, without other fields"
+            )
+        result = of_policy(args.env)
     else:
         result = of_env(args.env, overrides) if args.env else of_installation()
     report(result, args.json, "\n".join(_lines(result)))
@@ -95,6 +104,33 @@ def of_fault(path: Path) -> dict[str, Any]:
         "frames": str(len(fault.recording.states.step)),
         "fault again": "yes" if found.fault else f"no, on {found.engine}",
         "about": str(found),
+    }
+
+
+def is_of_policy(word: str) -> bool:
+    """Whether a word is a policy's name, its file or the folder of its run, and no environment."""
+    return word not in maax.tasks() and file_of(Path(word.partition("@")[0])).exists()
+
+
+def of_policy(word: str) -> dict[str, Any]:
+    """Collects which game a policy plays, how long it was trained, and its networks.
+
+    Args:
+        word: its name, its file, or the folder of its run, as `player_of` takes them.
+
+    Raises:
+        ValueError: something else.
+    """
+    policy: Any = player_of("env", word)
+    network, made = policy.network, policy.game or {"game": "one's own", "config": {}}
+    return {
+        "policy": word,
+        "game": made["game"],
+        "fields": made["config"],
+        "teams": {name: f"{len(slots)} agents" for name, slots in network.teams},
+        "env steps": f"{policy.steps:,}",
+        "parameters": f"{sum(np.size(x) for x in jax.tree.leaves(policy.params)):,}",
+        "networks": asdict(network.net),
     }
 
 

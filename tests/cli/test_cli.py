@@ -15,6 +15,7 @@ from helpers import seeds
 from PIL import Image
 
 import maax_mjx as maax
+from maax_mjx import training
 from maax_mjx.cli import main, saved
 from maax_mjx.cli.options import split_overrides, value_of
 from maax_mjx.cli.saved import load
@@ -303,6 +304,17 @@ def test_info(capsys):
     assert "Four players in a room" in printed
     assert "A room with boxes and ramps" not in printed
     assert "action space" in printed
+
+
+def test_info_of_a_policy(capsys):
+    main(["info", "tag/trained", "--json"])
+    told, policy = json.loads(capsys.readouterr().out), training.Policy.load("tag/trained")
+    assert (told["game"], told["fields"]["n_frames"]) == ("tag", 10)
+    assert told["env steps"] == f"{policy.steps:,}"
+    assert told["networks"]["core"] == policy.network.net.core == "none"
+    with pytest.raises(SystemExit):
+        main(["info", "tag/trained", "--env.n_frames", "3"])
+    assert "a policy is of its own game" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["rollout", "worlds", "replay", "info"])
