@@ -25,6 +25,8 @@ import jax
 import pytest
 from hypothesis import settings
 
+from maax_mjx.tasks import registry
+
 with contextlib.suppress(ImportError):
     import warp
 
@@ -58,6 +60,25 @@ def little_garbage():
     gc.freeze()
     yield
     gc.unfreeze()
+
+
+@pytest.fixture
+def made_once(monkeypatch):
+    """Games of equal configs are one environment, whoever makes them: commands in a row trace it once."""
+    task, made = registry._task, {}
+
+    def remembering(name):
+        def build(config):
+            if any(getattr(config, field, ()) for field in ("modules", "inside", "outside")):
+                return task(name).build(config)  # to which more is added
+            key = name, repr(config)
+            if key not in made:
+                made[key] = task(name).build(config)
+            return made[key]
+
+        return registry.Task(build, task(name).config)
+
+    monkeypatch.setattr(registry, "_task", remembering)
 
 
 @pytest.fixture(scope="session")

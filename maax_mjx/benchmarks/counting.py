@@ -7,7 +7,7 @@ frequent answer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -116,18 +116,25 @@ def watcher(case: Case, env: Environment) -> tuple[Network, Any]:
     return network, taken_over(policy, network, key, transfer=True)
 
 
-def watched(case: Case, config: Config) -> tuple[np.ndarray, np.ndarray]:
-    """Memories (2 n_worlds, len(ASKED), m), and how many boxes went to the left (2 n_worlds,)."""
-    env = game(config.impl)
-    network, weights = watcher(case, env)
-    n = min(case.worlds, BATCH)
-    worlds, play, task = maax.Worlds(env, n), Play(network), find(env, ObjectCounting)
+@lru_cache(maxsize=1)
+def compiled(impl: str, network: Network, n_worlds: int) -> tuple[maax.Worlds, Callable[..., Any]]:
+    """Worlds and the policy that watches them; networks of other weights are the same program."""
+    env = game(impl)
+    play, task = Play(network), find(env, ObjectCounting)
     assert task is not None
 
     def watch(state: Any, key: jax.Array, memory: jax.Array, weights: Any) -> tuple[Any, jax.Array, dict[str, Any]]:
         action, after = play(state, key, memory, weights)
         return action, after, {"memory": after[0], "left": task.counts(state)[0]}
 
+    return maax.Worlds(env, n_worlds), watch
+
+
+def watched(case: Case, config: Config) -> tuple[np.ndarray, np.ndarray]:
+    """Memories (2 n_worlds, len(ASKED), m), and how many boxes went to the left (2 n_worlds,)."""
+    network, weights = watcher(case, game(config.impl))
+    n = min(case.worlds, BATCH)
+    worlds, watch = compiled(config.impl, network, n)
     memories, lefts = [], []
     for i in range(2 * case.worlds // n):
         key = jax.random.fold_in(jax.random.key(case.seed), i)

@@ -33,15 +33,21 @@ def env():
 
 
 @pytest.fixture(scope="module")
-def worlds(env):
-    """Of vectors, so that what adapters make of them are these worlds, compiled once for all tests."""
-    return maax.Worlds(PerAgent(env).env, 4, donate=False)
-
-
-@pytest.fixture(scope="module")
 def ego(env):
     """Of observations per agent, of which adapters make vectors themselves."""
     return maax.Worlds(env, 4, donate=False)
+
+
+@pytest.fixture(scope="module")
+def vectors(ego):
+    """The batch that an adapter makes of these."""
+    return adapters.gymnasium_vector(ego)
+
+
+@pytest.fixture(scope="module")
+def worlds(vectors):
+    """Those of vectors, so that what adapters make of them are these worlds, compiled once for all tests."""
+    return vectors.rows.worlds
 
 
 def test_one_agents_spaces(env):
@@ -143,9 +149,9 @@ def test_supersuit_takes_it(env):
 
 
 @pytest.mark.slow
-def test_a_vector_env_is_the_worlds(worlds, ego):
+def test_a_vector_env_is_the_worlds(worlds, vectors):
     """With the same actions, rows are the agents of the worlds; at ends they have what was observed last."""
-    envs = adapters.gymnasium_vector(ego)
+    envs = vectors
     assert envs.num_envs == 16
     assert envs.observation_space.shape == (16, *envs.single_observation_space.shape)
     obs, infos = envs.reset(seed=seeds.seed(1))

@@ -37,6 +37,7 @@ def test_what_a_part_does_not_have_is_not_varied():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("made_once")
 def test_learning(run, folder, monkeypatch):
     """In the smallest game of hiders and seekers; a run that has had its minutes is not trained again."""
     small = {"net.encoder": "flat", "net.hidden": 8, "net.share": "all", "worlds": 4, "ppo.unroll": 10, "ppo.chunk": 10}

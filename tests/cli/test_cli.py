@@ -29,6 +29,7 @@ def played(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rollout")
     printed = folder / "printed"
     fields = ["--env.n_boxes", "1,2", "--env.n-ramps=0", "--env.grab", "True", "--env.grab.exclusive", "True"]
+    fields += ["--env.scenario", "empty"]
     with printed.open("w") as file, pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "stdout", file)
         main(["rollout", "hide_and_seek", "--worlds=6", "--steps=20", "--show=2", "--json", f"--out={folder}", *fields])

@@ -11,7 +11,7 @@ import pytest
 from maax_mjx import training
 from maax_mjx.cli import main
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("made_once")]
 
 SMALL = ["--worlds", "4", "--net.encoder", "flat", "--net.core", "none", "--net.hidden", "8"]
 SMALL += ["--ppo.unroll", "4", "--ppo.chunk", "4", "--ppo.epochs", "1", "--ppo.minibatches", "1"]

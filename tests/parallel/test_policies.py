@@ -15,7 +15,7 @@ equal = np.testing.assert_array_equal
 @pytest.fixture(scope="module")
 def env():
     """One hider or more, who prepare for two of four steps."""
-    few = {"n_hiders": (1, 3), "n_seekers": 1, "n_boxes": 0, "n_ramps": 0, "lock": None}
+    few = {"n_hiders": (1, 3), "n_seekers": 1, "n_boxes": 0, "n_ramps": 0, "lock": None, "scenario": "empty"}
     return maax.make("hide_and_seek", impl="c", horizon=HORIZON, prep_fraction=0.5, **few)
 
 

@@ -26,7 +26,7 @@ N, T, HORIZON = 6, 5, 4
 
 @pytest.fixture(scope="module")
 def env():
-    return maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_ramps=0, horizon=HORIZON)
+    return maax.make("standard", impl="c", scenario="empty", n_hiders=1, n_seekers=1, n_ramps=0, horizon=HORIZON)
 
 
 def policy(state, key, gain):
@@ -226,7 +226,7 @@ def test_a_save_says_what_it_is_of(worlds, start, tmp_path):
     about = maax.Checkpoints(tmp_path).about()
     assert about == {
         "game": "standard",
-        "config": {"impl": "c", "n_hiders": 1, "n_seekers": 1, "n_ramps": 0, "horizon": HORIZON},
+        "config": {"impl": "c", "scenario": "empty", "n_hiders": 1, "n_seekers": 1, "n_ramps": 0, "horizon": HORIZON},
         "n_worlds": N,
         "engine": "c",
     }
@@ -270,6 +270,8 @@ def test_a_save_goes_on_with_more_or_fewer_worlds(worlds, start, rolled, tmp_pat
     assert (np.asarray(states.step)[kept:] == 0).all()
     keys = {tuple(row) for row in np.asarray(jax.random.key_data(states.seed))}
     assert len(keys) == n, "every world has draws of its own"
+    if n < N:
+        return
     after, before = (
         w.step(s, {"move": np.ones((w.n_worlds, 2, 3), np.float32)})
         for w, s in ((resized, states), (worlds, rolled[0]))
@@ -367,6 +369,7 @@ def test_reads_that_fail_side_by_side_are_not_logged(worlds, start, tmp_path, mo
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("made_once")
 def test_a_killed_run_loses_its_last_interval_at_most(tmp_path):
     """The soak, killed in the middle and begun again in this process, comes to the same as one that was left alone."""
 

@@ -15,8 +15,9 @@ pytestmark = pytest.mark.slow
 STEPS, EPS = 20, 1e-4
 
 
-def make(impl="jax"):
-    return maax.make("standard", impl=impl, scenario="empty", n_hiders=1, n_seekers=0, n_ramps=0)
+def make(impl="jax", outer="none"):
+    alone = {"scenario": "empty", "n_hiders": 1, "n_seekers": 0, "n_ramps": 0}
+    return maax.make("standard", impl=impl, outer=outer, **alone)
 
 
 def facing_a_box(env, gap):
@@ -70,7 +71,7 @@ def test_forward_reverse_and_finite_differences_agree(derivatives, gap, pushed):
 
 
 def test_the_world_has_no_derivative():
-    env = make()
+    env = make(outer="walls")
     state = jax.eval_shape(env.reset, seeds.key(0))
 
     def loss(pos, state):

@@ -26,11 +26,11 @@ def compiled(impl, n_worlds, **fields):
     return worlds, player(worlds)
 
 
-def play(impl, gravity, n_worlds, n_steps, held, seed=0, **fields):
+def play(impl, gravity, n_worlds, n_steps, held, **fields):
     """Bang-bang actions held for `held` steps: the counts, after checking that a user saw nothing bad."""
     worlds, run = compiled(impl, n_worlds, **fields)
     params = worlds.env.default_params.replace(gravity=gravity)
-    states, seen = run(worlds.reset(seeds.key(seed), params), Seen.nothing(), jnp.arange(n_steps), held)
+    states, seen = run(worlds.reset(seeds.key(0), params), Seen.nothing(), jnp.arange(n_steps), held)
     assert bool(seen.finite), "a NaN or infinity reached the user"
     assert bool(seen.inside), "an agent was left outside the arena"
     assert bool(seen.truncating), "a fault did not truncate its world"
@@ -38,28 +38,26 @@ def play(impl, gravity, n_worlds, n_steps, held, seed=0, **fields):
 
 
 @pytest.mark.parametrize(
-    ("gravity", "n_worlds", "held"),
+    ("gravity", "held"),
     [
-        (-9.81, 200, 1),
-        (-9.81, 400, 20),
-        (-9.81, 200, 100),
-        (-9.81, 200, 500),
-        (-50.0, 200, 20),
-        (-50.0, 200, 500),
+        (-9.81, 1),
+        (-9.81, 20),
+        (-9.81, 500),
+        (-50.0, 20),
+        (-50.0, 500),
     ],
 )
-def test_c_many_worlds(gravity, n_worlds, held):
-    for seed in range(n_worlds // 200):  # one compiled program for all
-        counts = play("c", gravity, 200, 500, held, seed)
-        assert counts["physics_fault"] < 1
-        assert counts["contact_overflow"] == 0
-        assert counts["layout_invalid"] == 0
+def test_c_many_worlds(gravity, held):
+    counts = play("c", gravity, 120, 500, held)
+    assert counts["physics_fault"] == 0
+    assert counts["contact_overflow"] == 0
+    assert counts["layout_invalid"] == 0
 
 
 def test_jax():
     few = {"n_hiders": 1, "n_seekers": 1, "n_boxes": 1, "n_ramps": 1}
-    for held in (20, 200):
-        counts = play("jax", -50.0, 16, 200, held, **few)
+    for held in (20, 150):
+        counts = play("jax", -50.0, 8, 150, held, **few)
         assert counts["physics_fault"] == 0
         assert counts["contact_overflow"] == 0
 
@@ -67,15 +65,18 @@ def test_jax():
 def test_warp():
     pytest.importorskip("warp")
     for held in (20, 100):
-        counts = play("warp", -50.0, 16, 100, held)
+        counts = play("warp", -50.0, 8, 100, held)
         assert counts["physics_fault"] == 0
         assert counts["contact_overflow"] == 0
 
 
 @pytest.fixture(scope="module", params=["c", "warp"])
 def four(request):
-    """Four worlds and their first states, compiled once per engine."""
-    worlds = maax.Worlds(request.getfixturevalue(f"env_{request.param}"), 4, donate=False)
+    """Four worlds of two agents and their first states, compiled once per engine."""
+    if request.param == "warp":
+        pytest.importorskip("warp")
+    env = maax.make("standard", impl=request.param, scenario="empty", n_hiders=1, n_seekers=1, n_ramps=0)
+    worlds = maax.Worlds(env, 4, donate=False)
     return worlds, worlds.reset(seeds.key(1))
 
 

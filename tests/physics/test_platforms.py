@@ -14,12 +14,19 @@ from maax_mjx.physics import select
 PLATFORMS = ("cpu", "cuda", "tpu")
 
 
+@pytest.fixture(scope="module")
+def env_jax():
+    """One of each on MJX's JAX physics."""
+    few = {"n_hiders": 1, "n_seekers": 1, "n_boxes": 1, "n_ramps": 1}
+    return maax.make("standard", impl="jax", scenario="empty", **few)
+
+
 def test_reset_and_step_are_exported_for_all_platforms(env_jax):
     """Nothing in them is bound to the platform that they are traced on. No TPU was at hand to run it."""
     key = seeds.key(0)
     reset = jax.export.export(jax.jit(env_jax.reset), platforms=PLATFORMS)(key)
     state = jax.eval_shape(env_jax.reset, key)
-    action = {"move": jax.ShapeDtypeStruct((4, 3), jnp.float32)}
+    action = {"move": jax.ShapeDtypeStruct((2, 3), jnp.float32)}
     step = jax.export.export(jax.jit(env_jax.step), platforms=PLATFORMS)(state, action)
     assert reset.platforms == step.platforms == PLATFORMS
     np.testing.assert_array_equal(reset.call(key).data.qpos, jax.jit(env_jax.reset)(key).data.qpos)
@@ -29,7 +36,7 @@ def test_a_batch_is_exported_for_all_platforms(env_jax):
     worlds = maax.Worlds(env_jax, 4)
     params = jax.tree.map(lambda x: jnp.broadcast_to(x, (4, 2)), env_jax.default_params)
     states = jax.eval_shape(worlds.reset_fn, seeds.key(0), params, jnp.asarray(False))
-    action = {"move": jax.ShapeDtypeStruct((4, 4, 3), jnp.float32)}
+    action = {"move": jax.ShapeDtypeStruct((4, 2, 3), jnp.float32)}
     assert jax.export.export(jax.jit(worlds.step_fn), platforms=PLATFORMS)(states, action).platforms == PLATFORMS
 
 

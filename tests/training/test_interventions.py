@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,10 +13,14 @@ from helpers import seeds
 import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.training.config import NetConfig
+from maax_mjx.training.interventions import INTERVENTIONS, Blinded, WithoutRamps, WithoutTools
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import game_of
+from maax_mjx.wrappers import find
 
 N = 8
+KINDS = {"hiders_without_tools": WithoutTools, "seekers_blind": Blinded, "no_ramps": WithoutRamps}
+"""Layers of what is taken away at once: each from another sense, hand or number."""
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +31,14 @@ def policy():
     return training.Policy(network, jax.device_get(network.draw(jax.random.key(0))), game_of(env))
 
 
-def played(policy, name):
-    """The game, its first states, and those after preparation and at the end of an episode in which all is tried."""
-    env = training.intervened(policy, name)
+@pytest.fixture(scope="module")
+def played(policy):
+    """The game with all of it taken away, its first states, and those of an episode in which all is tried."""
+
+    def without(env):
+        return functools.reduce(lambda inner, name: INTERVENTIONS[name][1](inner), KINDS, env)
+
+    env = policy.make_env(tools=True, n_ramps=(0, 2), outside={"TrackTools": without})
     policy.on(env)
     n_steps = env.base.horizon - 1
 
@@ -44,20 +55,34 @@ def played(policy, name):
     return env, *jax.device_get(jax.jit(jax.vmap(play))(jax.random.split(seeds.key(0), N)))
 
 
+@pytest.mark.parametrize("name", KINDS)
+def test_games_have_what_takes_away(policy, name):
+    """In the game that they learnt, around what counts."""
+    env = training.intervened(policy, name)
+    outer = next(layer for layer in env.layers if isinstance(layer.env, maax.TrackTools))
+    assert type(outer) is KINDS[name]
+    team = {"hiders_without_tools": "hiders", "seekers_blind": "seekers"}.get(name)
+    assert team is None or np.flatnonzero(outer._who).tolist() == list(env.teams[team].slots)
+
+
 @pytest.mark.slow
-def test_hiders_without_tools_hold_and_lock_nothing(policy):
-    env, _, states = played(policy, "hiders_without_tools")
+def test_hiders_without_tools_hold_and_lock_nothing(played):
+    env, _, states = played
     held = states.mechanics["grabs"].held
     hiders = list(env.teams["hiders"].slots)
     assert (held[..., hiders] == -1).all()
     assert not states.mechanics["locks"].locked.any(), "seekers are outside, and boxes in the room"
-    seekers = list(env.teams["seekers"].slots)
-    assert (held[..., seekers] >= -1).all()
+    # In few steps they may not have come near anything: what they ask for is taken away before.
+    ones = {tool: jnp.ones(env.n_agents, jnp.int8) for tool in ("grab", "lock")}
+    asked = find(env, WithoutTools).action(None, ones)
+    for tool in ones:
+        assert not asked[tool][jnp.array(hiders)].any()
+        assert asked[tool][jnp.array(env.teams["seekers"].slots)].all()
 
 
 @pytest.mark.slow
-def test_blind_seekers_see_nothing_and_hiders_do(policy):
-    env, first, states = played(policy, "seekers_blind")
+def test_blind_seekers_see_nothing_and_hiders_do(played):
+    env, first, states = played
     hiders, seekers = (list(env.teams[name].slots) for name in ("hiders", "seekers"))
     for obs in (first.obs, jax.tree.map(lambda x: x[:, -1], states.obs)):
         lidar = obs["lidar"]
@@ -68,8 +93,8 @@ def test_blind_seekers_see_nothing_and_hiders_do(policy):
 
 
 @pytest.mark.slow
-def test_worlds_without_ramps_have_none(policy):
-    _, first, states = played(policy, "no_ramps")
+def test_worlds_without_ramps_have_none(played):
+    _, first, states = played
     assert not first.world.active["ramp"].any()
     assert first.world.active["box"].all()
     assert not states.metrics["max_ramp_move"].any()

@@ -112,7 +112,7 @@ def test_rows_are_of_one_world_in_a_row(played):
 @pytest.mark.slow
 def test_only_who_remembers_learns_to_echo(worlds, start):
     with_memory, _ = learn(worlds, start, settings("lstm"), 60)
-    without, _ = learn(worlds, start, settings("none"), 60)
+    without, _ = learn(worlds, start, settings("none"), 30)
     last = [np.mean([row["return_hiders"] + row["return_seekers"] for row in rows[-5:]]) / 2 for rows in
             (with_memory, without)]  # fmt: skip
     assert last[0] > 0.9, "the sign was remembered"

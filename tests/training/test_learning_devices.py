@@ -39,8 +39,9 @@ one = training.Trainer(env, folder, "laptop", {WORLDS}, keep_faults=keep, **{SMA
 done = one.run(steps=None if count > 1 else {STEPS}, on_iteration=stop)
 assert keep is None or one.worlds.faults() == []
 assert len(jax.devices()) == 2 and done.policy.steps == {STEPS}
-again = training.Trainer(env, folder, "laptop", {WORLDS}, **{SMALL})
-assert again.iteration == 3
+if count > 1:
+    again = training.Trainer(env, folder, "laptop", {WORLDS}, **{SMALL})
+    assert again.iteration == 3
 """
 TIMES = {"compile_s", "env_steps_per_s", "seconds"}
 

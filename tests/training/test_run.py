@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import struct
@@ -38,13 +39,19 @@ def stop(now):
         trainer.save()
     if now.iteration > {half}:
         os.kill(os.getpid(), signal.SIGKILL)
-trainer = training.Trainer(toys.echo(impl={impl!r}), {folder!r}, "laptop", {n}, **{small!r})
+trainer = training.Trainer(toys.echo(), {folder!r}, "laptop", {n}, **{small!r})
 trainer.run(on_iteration=stop)
 """
 
 
-def trainer(folder, env=None, **changed):
-    return training.Trainer(env or toys.echo(), folder, "laptop", N, **(SMALL | changed))
+@functools.cache
+def echo(impl="c"):
+    """One environment for all tests, which is traced once."""
+    return toys.echo(impl=impl)
+
+
+def trainer(folder, impl="c", **changed):
+    return training.Trainer(echo(impl), folder, "laptop", N, **(SMALL | changed))
 
 
 @pytest.fixture(scope="module")
@@ -97,19 +104,30 @@ def test_without_tensorboardx_a_sentence_says_what_to_install(tmp_path, monkeypa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("impl", ["c", "jax"])
-def test_a_killed_run_goes_on_bit_for_bit(impl, run, tmp_path):
+def test_a_killed_run_goes_on_bit_for_bit(run, tmp_path):
     """Killed after half of it, saved just before, and gone on in another process."""
-    if impl == "c":
-        whole, small = run[0], SMALL
-    else:
-        small = PLAIN
-        whole = trainer(tmp_path / "whole", toys.echo(impl=impl), **small)
-        whole.run(steps=FEW * PER_ITERATION)
-    code = CHILD.format(half=FEW // 2, impl=impl, folder=str(tmp_path / "cut"), n=N, small=small)
+    code = CHILD.format(half=FEW // 2, folder=str(tmp_path / "cut"), n=N, small=SMALL)
     killed = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert killed.returncode == -9, killed.stderr
-    again = trainer(tmp_path / "cut", whole.env, **small)
+    assert_goes_on(trainer(tmp_path / "cut"), run[0])
+
+
+@pytest.mark.slow
+def test_a_saved_run_goes_on_bit_for_bit_on_jax(tmp_path):
+    """From a copy of what was saved after half of it."""
+
+    def save_half(now):
+        if now.iteration == FEW // 2:
+            whole.save()
+            shutil.copytree(whole.folder.path, tmp_path / "cut")
+
+    whole = trainer(tmp_path / "whole", "jax", **PLAIN)
+    whole.run(steps=FEW * PER_ITERATION, on_iteration=save_half)
+    assert_goes_on(trainer(tmp_path / "cut", "jax", **PLAIN), whole)
+
+
+def assert_goes_on(again, whole):
+    """Asserts that a run that was cut after half of it comes to the same as one that was not."""
     assert again.iteration == FEW // 2
     # The same program, which need not be compiled again.
     again._iterate = whole._iterate
@@ -129,7 +147,7 @@ def test_what_was_learnt_travels_without_its_worlds(run, tmp_path):
     shutil.copytree(run[1].folder, folder)
     shutil.rmtree(folder / "saves")
     assert all(file.stat().st_size < 16e6 for file in (folder / "learner").iterdir())
-    again = training.Trainer(toys.echo(), folder, "laptop", 2 * N, **SMALL)
+    again = training.Trainer(echo(), folder, "laptop", 2 * N, **SMALL)
     assert again.steps == FEW * PER_ITERATION
     for a, b in zip(jax.tree.leaves(run[0].learner), jax.tree.leaves(again.learner), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -141,18 +159,18 @@ def test_other_runs_are_refused(run, tmp_path):
     with pytest.raises(ValueError, match=r"folder: got .* which has a run with net=.*takes that run's, or another"):
         trainer(folder, **{"net.core": "lstm"})
     with pytest.raises(ValueError, match=r"folder: got .* which has a run with seed=0, not 1"):
-        training.Trainer(toys.echo(), folder, "laptop", N, seed=1, **SMALL)
+        training.Trainer(echo(), folder, "laptop", N, seed=1, **SMALL)
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(ValueError, match="which has other files; takes an empty one, a new one, or a run's"):
         trainer(tmp_path)
     with pytest.raises(ValueError, match=r"ppo.minibatches: got 3 .*divides the 16 chunks"):
         trainer(tmp_path / "a", **{"ppo.minibatches": 3})
     with pytest.raises(ValueError, match=r"preset: got 'laptob'.*laptop"):
-        training.train(toys.echo(), tmp_path / "b", "laptob")
+        training.train(echo(), tmp_path / "b", "laptob")
     with pytest.raises(ValueError, match="minutes: got None and no steps; takes one of them"):
         run[0].run()
     with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment; takes fields only with a name"):
-        training.Trainer(toys.echo(), tmp_path / "c", env={"n_boxes": 2})
+        training.Trainer(echo(), tmp_path / "c", env={"n_boxes": 2})
     with pytest.raises(ValueError, match="which belongs to no agent; takes an environment whose agents observe"):
         training.Trainer(maax.make("standard", impl="c"), tmp_path / "d", "laptop")
 
@@ -164,7 +182,7 @@ def test_policies_play_wherever_policies_are_taken(run, tmp_path):
     policy = training.Policy.load(path)
     for a, b in zip(jax.tree.leaves(run[1].policy.params), jax.tree.leaves(policy.params), strict=True):
         np.testing.assert_array_equal(a, b)
-    env = toys.echo()
+    env = echo()
     worlds = maax.Worlds(env, N, donate=False)
     start, key = worlds.reset(jax.random.key(1)), jax.random.key(2)
     _, kept = worlds.rollout(start, policy, 3, key=key, keep=("action",))
@@ -192,7 +210,7 @@ def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
 
 def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
     """Those who always say the same are right in half of the episodes, whoever plays the other team."""
-    env = toys.echo()
+    env = echo()
     found = training.evaluate(run[1].policy, ["random", "self", f"{run[1].folder}@0"], episodes=64, env=env)
     assert len(found.matches) == 6
     for match in found.matches:

@@ -56,9 +56,9 @@ def networks(encoder="pool", core="lstm", norm="scales", heads=HEADS):
 
 def drawn(network, seed):
     """Weights, with biases and scales that are not those of the beginning."""
-    weights = jax.jit(network.draw)(seeds.key(seed))
     rng = seeds.rng(seed)
-    return jax.tree.map(lambda x: np.asarray(x) + (0.1 * rng.normal(size=x.shape)).astype(x.dtype), weights)
+    shapes = jax.eval_shape(network.draw, seeds.key(seed))
+    return jax.tree.map(lambda x: (0.3 * rng.normal(size=x.shape)).astype(x.dtype), shapes)
 
 
 def alike():
@@ -148,14 +148,17 @@ def test_other_teams_are_refused():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("made_once")
 def test_a_run_begins_with_a_policy_of_another_game(tmp_path):
     """Which is refused without being asked for."""
     small = {"net.encoder": "pool", "net.hidden": 16, "net.width": 16, "net.share": "all", "ppo.minibatches": 1}
     tiny = {"impl": "c", "scenario": "empty", "n_boxes": 1, "horizon": 20}
 
+    echo = toys.echo()
+
     def untrained(**changed):
-        made = training.Trainer(toys.echo(), tmp_path / f"echo{len(changed)}", "laptop", 4, **(small | changed))
-        return training.Policy(made.network, made.learner.weights)
+        network = Network.of(echo, training.preset("laptop", small | changed).net)
+        return training.Policy(network, network.draw(seeds.key(0)))
 
     def trainer(folder, given, **changed):
         asked = {"begin_from": given, "env": tiny, "transfer": True} | small | changed

@@ -26,7 +26,8 @@ STEER = ("KeyW", "KeyS", "KeyA", "KeyD", "KeyQ", "KeyE")
 
 @pytest.fixture(scope="module")
 def env():
-    return maax.make("hide_and_seek_quadrant", impl="c", n_boxes=1, n_ramps=1, n_frames=2, horizon=300)
+    few = {"scenario": "empty", "p_door_dropout": 0.0, "box_placement": "uniform", "n_boxes": 1, "n_ramps": 1}
+    return maax.make("hide_and_seek_quadrant", impl="c", n_frames=2, horizon=300, **few)
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +162,7 @@ def test_a_person_plays_with_real_keys(env, tmp_path, game, monkeypatch):
 
     with maax.play(env, "still", vision=True) as live, browser(tmp_path) as driver:
         panel = live._panel
-        driver.set_window_size(1000, 700)
+        driver.set_window_size(600, 700)
         driver.get(live.url)
         until(lambda: driver.find_elements(By.TAG_NAME, "canvas") and panel._words.content == "playing")
         until(lambda: any(one.get_attribute("value") == BEGIN for one in driver.find_elements(By.TAG_NAME, "input")))
