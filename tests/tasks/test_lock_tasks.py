@@ -192,7 +192,7 @@ def test_what_does_not_fit_is_refused():
 
 
 @pytest.mark.slow
-def test_a_script_locks_and_returns():
+def test_a_script_locks_and_returns(fast_programs):
     """Through the doors of six rooms, in every world, and stays where it gets a point at every step."""
     env = maax.make("lock_and_return", impl="c")
     play = SCRIPTED["lock_and_return"].on(env)
@@ -211,7 +211,7 @@ def test_a_script_locks_and_returns():
 
 
 @pytest.mark.slow
-def test_a_script_goes_over_walls_to_lock_boxes_in_their_order():
+def test_a_script_goes_over_walls_to_lock_boxes_in_their_order(fast_programs):
     """As published but for forces instead of bins: all four in three of twelve worlds or more; it was 71 % of 128.
 
     In most worlds it gets into another room than where it began, through no door.

@@ -10,6 +10,7 @@ from helpers import seeds
 from scipy import ndimage
 
 import maax_mjx as maax
+from maax_mjx.common.runtime import quick_compilation
 from maax_mjx.layout.plan import RoomPlan
 from maax_mjx.tasks import scenes
 from maax_mjx.wrappers.enclosure import Footprints, doors_shut, enclosed, flooded
@@ -115,7 +116,7 @@ def test_a_door_is_shut_by_what_stands_in_it_or_right_before_it():
 
 
 @pytest.mark.slow
-def test_a_box_carried_into_the_door_encloses():
+def test_a_box_carried_into_the_door_encloses(fast_programs):
     """One of four may fail to get it there in time."""
     scene = scenes.closed_door("c")
     tools = maax.TrackTools(scene.env)
@@ -124,7 +125,7 @@ def test_a_box_carried_into_the_door_encloses():
         state = tools.started(scene.env.reset(key))
         return state, jax.lax.scan(lambda s, _: (tools.step(s, scene.act(s)), None), state, length=500)[0]
 
-    first, last = jax.jit(jax.vmap(play))(jax.random.split(seeds.key(0), 4))
+    first, last = jax.jit(jax.vmap(play), compiler_options=quick_compilation(1))(jax.random.split(seeds.key(0), 4))
     assert not first.metrics["enclosed"].any()
     assert not first.metrics["doors_blocked"].any()
     in_time = np.asarray(last.metrics["boxes_locked_prep"]) == 1
