@@ -247,7 +247,7 @@ def test_ways_lead_around_walls():
     env = maax.make("lock_and_return", impl="c")
     state = env.reset(seeds.key(2))
     goal = np.asarray(state.data.qpos[env.base.modules["box"].qpos_ids[0, :2]])
-    far = np.asarray(walking.ways(state.world.plan, jnp.asarray(goal)))
+    far = np.asarray(jax.jit(walking.ways)(state.world.plan, jnp.asarray(goal)))
     n, cell = walking.CELLS, 6.0 / walking.CELLS
     free = np.isfinite(far)
     middles = (np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), -1) + 0.5) * cell

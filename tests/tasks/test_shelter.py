@@ -42,6 +42,14 @@ def placed():
     return states.replace(data=data)
 
 
+@functools.cache
+def compiled():
+    """The poses of a world's `qpos`, and which rays get to the cylinder."""
+    env = env_of()
+    layer = next(layer for layer in env.layers if isinstance(layer, maax.ShelterReward))
+    return jax.jit(env.base.engine.pose), jax.jit(layer.reaching)
+
+
 def reaching(env, state, w):
     """Which rays get to the cylinder in plain MuJoCo."""
     model, data = in_plain_mujoco(env, state, w)
@@ -69,8 +77,7 @@ def test_boxes_around_the_cylinder_keep_rays_away():
     """Eight in a ring stop a third of those that come in the open, and more where long boxes stand across."""
     env, state = env_of(), jax.jit(lambda states: jax.tree.map(lambda x: x[0], states))(placed())
     middle, radius = np.asarray(state.obs["static_cylinder_pos"])[0], float(state.obs["static_cylinder_size"][0, 0]) / 2
-    layer = next(layer for layer in env.layers if isinstance(layer, maax.ShelterReward))
-    pose, reaching = jax.jit(env.base.engine.pose), jax.jit(layer.reaching)
+    pose, reaching = compiled()
 
     def share(away):
         qpos, angles = np.array(state.data.qpos), np.arange(8) * np.pi / 4
@@ -146,14 +153,16 @@ def test_a_script_shelters_the_cylinder(fast_programs):
 
 def test_the_ring_keeps_all_rays_away():
     """Boxes that are put where the script wants them leave few of 100 rays, by the rays of the physics."""
-    env, state = env_of(), placed()
+    env, state = env_of(), jax.device_get(placed().replace(key=()))
+    pose, reaching = compiled()
     layer = next(layer for layer in env.layers if isinstance(layer, maax.ShelterReward))
+    ring_of = jax.jit(lambda middle, floor: sheltering.ring(middle, layer.starts[:, :2], floor))
     boxes = env.base.modules["box"]
     left = []
     for w in range(N):
         one = jax.tree.map(lambda x, w=w: x[w], state)
         middle = one.obs["static_cylinder_pos"][0, :2]
-        ring = sheltering.ring(middle, layer.starts[:, :2], one.world.plan.floor_size)
+        ring = ring_of(middle, one.world.plan.floor_size)
         half = np.asarray(boxes.extents_of(one.world))[:, :2] / 2
         qpos = np.array(one.data.qpos)
         qpos[boxes.qpos_ids[:, :3]] = [50.0, 50.0, 0.25]
@@ -165,8 +174,8 @@ def test_the_ring_keeps_all_rays_away():
                     continue
                 out = float(ring.out[place]) + (0.0 if half[box, 0] < half[box, 1] else np.pi / 2)
                 qpos[boxes.qpos_ids[box]] = [*np.asarray(ring.at[place]), 0.25, out]
-        data = env.base.engine.pose(one.world.fields, one.data.replace(qpos=jnp.asarray(qpos)))
-        left.append(int(layer.reaching(one.replace(data=data)).sum()))
+        data = pose(one.world.fields, one.data.replace(qpos=jnp.asarray(qpos)))
+        left.append(int(reaching(one.replace(data=data)).sum()))
     assert np.mean(left) < 14
     assert max(left) < 35
 
