@@ -55,6 +55,12 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture
+def fast_programs(monkeypatch):
+    """For tests that compute more than they compile: programs of `Worlds`, and of `quick_compilation(1)`, run fast."""
+    monkeypatch.setenv("MAAX_XLA_LEVEL", "1")
+
+
+@pytest.fixture
 def little_garbage():
     """What is there already is not looked through by every `gc.collect`, which takes a second and more else."""
     gc.freeze()

@@ -79,7 +79,6 @@ def _processor() -> str:
     return platform.processor()
 
 
-@cache
 def quick_compilation(level: int) -> dict[str, Any]:
     """Returns compiler options with which XLA compiles for the CPU in a third to half of the time.
 

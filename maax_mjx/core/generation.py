@@ -31,7 +31,7 @@ def draw_layout(env: Composition, key: jax.Array, params: DomainParams) -> Layou
             layout = checked_layout(module, own_key, layout, params, env.model)
         return layout
 
-    layout = redraw(draw, LAYOUT_TRIES)
+    layout = redraw(draw, LAYOUT_TRIES, key)
     return layout.replace(valid=layout.valid & in_bounds)
 
 

@@ -270,7 +270,11 @@ class WallScenarios(Module):
         tries = max(scenario.tries for scenario in self._drawn)
         if tries == 1:
             return self._draw_once(which, count_key, key, grid_size, params)
-        return redraw(lambda i: self._draw_once(which, count_key, jax.random.fold_in(key, i), grid_size, params), tries)
+
+        def draw(attempt: jax.Array) -> Rooms:
+            return self._draw_once(which, count_key, jax.random.fold_in(key, attempt), grid_size, params)
+
+        return redraw(draw, tries, key)
 
     def _draw_once(
         self, which: jax.Array, count_key: jax.Array, key: jax.Array, grid_size: int, params: DomainParams

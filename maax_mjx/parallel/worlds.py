@@ -86,6 +86,7 @@ class Worlds:
         self._sample = compiled(self._sample_fn, (None,), options=once)
         self._remember = compiled(self._with_memory, (0,), options=once)
         self._stale = compiled(lambda _, *args: stale_under(*args), (0, 0, 0))
+        self._options = often
         self._rollout: Callable = lru_cache(ROLLOUTS)(self._compile_rollout)
         self._ran: WeakSet[Callable] = WeakSet()
         self._saw_layouts = False
@@ -287,7 +288,8 @@ class Worlds:
         def rollout(index: jax.Array, states: WorldsState, *others: Any) -> Any:
             return unroll(self.env, self.step_fn, policy, n_steps, keep, index, states, *others)
 
-        return self.shards.compile(rollout, (0, None, None, 0, 0), out_axes=(0, 1, 0), donate=self._donate)
+        axes = (0, None, None, 0, 0)
+        return self.shards.compile(rollout, axes, out_axes=(0, 1, 0), donate=self._donate, options=self._options)
 
     def _per_world(self, params: DomainParams) -> DomainParams:
         """Returns a range for every world, in separate memory, since states are donated."""

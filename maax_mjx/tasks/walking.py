@@ -21,7 +21,8 @@ ROOM = 0.19
 """Metres that an agent's middle keeps from walls: its radius, and a little."""
 NEAR = 4
 """Cells around a goal from which an agent goes straight to it."""
-STEPS = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+AT_ONCE = 8
+"""Cells by which known ways grow before it is asked whether any still do."""
 AHEAD = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if i or j])
 """Cells around an agent's own, of which it goes to the nearest to its goal."""
 PUSH, SLOWER = 0.6, 2.5
@@ -48,14 +49,18 @@ def ways(plan: RoomPlan, goal: jax.Array, things: Footprints | None = None, room
     free = clearance >= room
     away = jnp.linalg.norm(points - goal, axis=-1)
     start = jnp.where(free & (away < NEAR * cell), away, jnp.inf)
-    lengths = np.linalg.norm(STEPS, axis=1)
+
+    def relaxed(_: int, far: jax.Array) -> jax.Array:
+        padded = jnp.pad(far, 1, constant_values=jnp.inf)
+        beside = jnp.minimum(padded[:-2], padded[2:])
+        straight = jnp.minimum(beside[:, 1:-1], jnp.minimum(padded[1:-1, :-2], padded[1:-1, 2:]))
+        across = jnp.minimum(beside[:, :-2], beside[:, 2:])
+        found = jnp.minimum(straight + cell, across + np.sqrt(2.0) * cell)
+        return jnp.where(free, jnp.minimum(far, found), jnp.inf)
 
     def relax(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         far, _ = carry
-        padded = jnp.pad(far, 1, constant_values=jnp.inf)
-        beside = [padded[1 + i : 1 + i + CELLS, 1 + j : 1 + j + CELLS] for i, j in STEPS]
-        found = jnp.stack([x + length * cell for x, length in zip(beside, lengths, strict=True)]).min(axis=0)
-        after = jnp.where(free, jnp.minimum(far, found), jnp.inf)
+        after = jax.lax.fori_loop(0, AT_ONCE, relaxed, far)
         return after, (after < far).any()
 
     return jax.lax.while_loop(lambda carry: carry[1], relax, (start, jnp.ones((), bool)))[0]

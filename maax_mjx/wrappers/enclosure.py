@@ -34,11 +34,12 @@ class Footprints(NamedTuple):
 
     def clearance(self, points: jax.Array) -> jax.Array:
         """Returns metres (...) from points (..., 2) to the nearest of them; 0 inside, infinite without any."""
-        to = points[..., None, :] - self.centre
+        x, y = (points[..., i, None] - self.centre[:, i] for i in range(2))
         cos, sin = self.turn[:, 0], self.turn[:, 1]
-        own = jnp.stack([cos * to[..., 0] + sin * to[..., 1], cos * to[..., 1] - sin * to[..., 0]], axis=-1)
-        away = jnp.linalg.norm(jnp.maximum(jnp.abs(own) - self.half, 0.0), axis=-1)
-        return jnp.where((self.half > 0).all(axis=-1), away, jnp.inf).min(axis=-1, initial=jnp.inf)
+        along = jnp.maximum(jnp.abs(cos * x + sin * y) - self.half[:, 0], 0.0)
+        across = jnp.maximum(jnp.abs(cos * y - sin * x) - self.half[:, 1], 0.0)
+        squared = jnp.where((self.half > 0).all(axis=-1), along**2 + across**2, jnp.inf)
+        return jnp.sqrt(squared.min(axis=-1, initial=jnp.inf))
 
 
 def walls_of(plan: RoomPlan) -> Footprints:

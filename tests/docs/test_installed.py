@@ -49,7 +49,8 @@ def test_the_wheel_is_imported_and_runs(installed, tmp_path):
     info = json.loads(run(installed / "bin" / "maax-mjx", "info", "--json", cwd=tmp_path))
     assert info["maax_mjx"] == VERSION
     assert info["engines"]["c"] == "works"
-    small = ("--worlds=2", "--steps=3", "--show=1", "--env.impl=c", "--json", f"--out={tmp_path / 'out'}")
+    small = ("--worlds=2", "--steps=3", "--show=1", "--json", f"--out={tmp_path / 'out'}", "--env.impl=c")
+    small += ("--env.scenario=empty", "--env.n_boxes=0", "--env.n_ramps=0")
     played = json.loads(run(installed / "bin" / "maax-mjx", "rollout", "tag", *small, cwd=tmp_path))
     assert played
     assert (tmp_path / "out" / "rollout.npz").exists()

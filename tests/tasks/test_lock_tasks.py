@@ -192,7 +192,7 @@ def test_what_does_not_fit_is_refused():
 
 
 @pytest.mark.slow
-def test_a_script_locks_and_returns():
+def test_a_script_locks_and_returns(fast_programs):
     """Through the doors of six rooms, in every world, and stays where it gets a point at every step."""
     env = maax.make("lock_and_return", impl="c")
     play = SCRIPTED["lock_and_return"].on(env)
@@ -212,7 +212,7 @@ def test_a_script_locks_and_returns():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("game", ["lock_all", "lock_order"])
-def test_the_same_script_locks_all(game):
+def test_the_same_script_locks_all(game, fast_programs):
     """In three of eight worlds or more (in 30 of 32 it was): in some, the boxes are in each other's way."""
     scene = scenes.SCENES[game]("c")
     worlds = maax.Worlds(scene.env, 8)
@@ -228,7 +228,7 @@ def test_the_same_script_locks_all(game):
 
 
 @pytest.mark.slow
-def test_a_script_goes_over_walls_to_lock_boxes_in_their_order():
+def test_a_script_goes_over_walls_to_lock_boxes_in_their_order(fast_programs):
     """As published but for forces instead of bins: all four in three of twelve worlds or more; it was 71 % of 128.
 
     In most worlds it gets into another room than where it began, through no door.
@@ -264,7 +264,7 @@ def test_ways_lead_around_walls():
     env = maax.make("lock_and_return", impl="c")
     state = env.reset(seeds.key(2))
     goal = np.asarray(state.data.qpos[env.base.modules["box"].qpos_ids[0, :2]])
-    far = np.asarray(walking.ways(state.world.plan, jnp.asarray(goal)))
+    far = np.asarray(jax.jit(walking.ways)(state.world.plan, jnp.asarray(goal)))
     n, cell = walking.CELLS, 6.0 / walking.CELLS
     free = np.isfinite(far)
     middles = (np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), -1) + 0.5) * cell

@@ -131,7 +131,7 @@ def test_flags_are_captured_from_random_players(flags):
 
 
 @pytest.mark.slow
-def test_a_team_alone_is_held_against_the_same_worlds_without_it():
+def test_a_team_alone_is_held_against_the_same_worlds_without_it(fast_programs):
     env = maax.make("lock_and_return", impl="c", scenario="empty", horizon=60, n_boxes=1)
     (match,) = training.evaluate("lock_and_return", ["still"], 8, env).matches
     assert match.won.mean > 0.8

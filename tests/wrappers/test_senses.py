@@ -34,8 +34,8 @@ def worlds(env):
     """Worlds on the way, with agents against walls and boxes: the states, and every one's model and data."""
     states = jax.jit(jax.vmap(env.reset))(jax.random.split(seeds.key(0), N_WORLDS))
     step = jax.jit(jax.vmap(env.step))
-    for t in range(60):
-        move = seeds.rng(t // 20).choice([-1.0, 1.0], (N_WORLDS, 5, 3)).astype(np.float32)
+    for t in range(30):
+        move = seeds.rng(t // 10).choice([-1.0, 1.0], (N_WORLDS, 5, 3)).astype(np.float32)
         states = step(states, {"move": move * [1, 1, 0.1]})
     plain = []
     for i in range(N_WORLDS):

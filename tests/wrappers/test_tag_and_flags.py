@@ -146,7 +146,7 @@ def test_tag(immunity, touching, played):
         assert len(first) == 1
         assert active[w][first[0]] or not active[w].any()
         assert starts.metrics["tags"][w] == 0
-        oracle, ranks = TagOracle(first[0], immunity), set()
+        oracle, ranks, wanted = TagOracle(first[0], immunity), set(), []
         for t in range(STEPS):
             can = oracle.touched(mask[w, t])
             refused += mask[w, t, oracle.it].sum() > len(can)
@@ -159,9 +159,10 @@ def test_tag(immunity, touching, played):
                 ranks |= {can.index(now[0])} if len(can) == 2 else set()
             assert now[0] == oracle.it
             assert after["metrics"]["tags"][w, t] == oracle.tags
-            gained = (after["reward"][w, t] - inner[w, t]) / SCALE
-            close(gained, oracle.reward(active[w]), atol=1e-6)
-            assert active[w].sum() < 2 or abs(gained.sum()) < 1e-5
+            wanted.append(oracle.reward(active[w]))
+        gained = (after["reward"][w] - inner[w]) / SCALE
+        close(gained, wanted, atol=1e-6)
+        assert active[w].sum() < 2 or np.abs(gained.sum(axis=1)).max() < 1e-5
         assert len(ranks) == 2 or active[w].sum() < 5
     assert refused > 200 if immunity else refused == 0
     for n in (2, 3):
@@ -243,20 +244,29 @@ class CaptureOracle:
                 gained[i] += 1 if TEAM[i] != flag else -1
         return gained
 
+    def told(self, base, at):
+        """What is to be observed, and the scores; `base` (2, 3) is where flags are at first, `at` (N, 3) agents."""
+        own = [[[float(team == 0)], [float(team == 1)]] for team in TEAM]
+        return {
+            "flag_base": np.column_stack([self.base, base[:, 2]]),
+            "flag_pos": np.array([base[flag] if i is None else at[i] for flag, i in enumerate(self.carrier)]),
+            "carries": np.array([[float(i in self.carrier)] for i in range(N)]),
+            "is_out": np.float32(self.out)[:, None],
+            "score": np.float32(self.score)[:, None],
+            "flag_is_own": np.array(own),
+            "score_is_own": np.array(own),
+        }, list(self.score)
+
     def check(self, obs, metrics, at):
         """Compares what is told with what is so; `at` (N, 3) is where agents are."""
-        base = obs["flag_base"]
-        close(base[:, :2], self.base)
-        for flag, i in enumerate(self.carrier):
-            close(obs["flag_pos"][flag], base[flag] if i is None else at[i], atol=1e-6)
-        equal(obs["carries"], [[float(i in self.carrier)] for i in range(N)])
-        equal(obs["is_out"], np.float32(self.out)[:, None])
-        equal(obs["score"], np.float32(self.score)[:, None])
-        for i in range(N):
-            for name in ("flag_is_own", "score_is_own"):
-                equal(obs[name][i], [[float(TEAM[i] == 0)], [float(TEAM[i] == 1)]])
-        scores = [value for name, value in metrics.items() if name.startswith("score_")]
-        assert scores == self.score
+        compare(obs, metrics, *self.told(obs["flag_base"], at))
+
+
+def compare(obs, metrics, wanted, scores):
+    """Of a state, or of all of a world with a leading axis."""
+    for name, x in wanted.items():
+        close(obs[name], x, rtol=1e-7, atol=1e-6 if name == "flag_pos" else 0, err_msg=name)
+    equal(np.stack([value for name, value in metrics.items() if name.startswith("score_")], axis=-1), scores)
 
 
 def walks(rng, base, floor):
@@ -288,14 +298,16 @@ def test_capture_the_flag(touching, played):
     z = np.asarray(played[0].data.xpos)[env.base.agents.body_ids, 2:]
     seen = Counter()
     for w in range(WORLDS):
-        oracle = CaptureOracle(active[w], base[w], floor[w])
+        oracle, gained, told, scores = CaptureOracle(active[w], base[w], floor[w]), [], [], []
         for t in range(STEPS):
-            gained = oracle.step(xy[w, t], mask[w, t])
-            obs = {name: x[w, t] for name, x in after["obs"].items()}
-            metrics = {name: x[w, t] for name, x in after["metrics"].items()}
-            oracle.check(obs, metrics, np.concatenate([xy[w, t], z], axis=1))
-            close(after["reward"][w, t], inner[w, t] + SCALE * gained, atol=1e-5)
-            assert after["terminated"][w, t] == (end[w, t] or max(oracle.score) >= WINS)
+            gained.append(oracle.step(xy[w, t], mask[w, t]))
+            now, score = oracle.told(base[w], np.concatenate([xy[w, t], z], axis=1))
+            told.append(now)
+            scores.append(score)
+        obs, metrics = ({name: x[w] for name, x in after[part].items()} for part in ("obs", "metrics"))
+        compare(obs, metrics, {name: np.stack([now[name] for now in told]) for name in told[0]}, scores)
+        close(after["reward"][w], inner[w] + SCALE * np.array(gained), atol=1e-5)
+        equal(after["terminated"][w], end[w] | (np.max(scores, axis=1) >= WINS))
         seen += oracle.seen
         seen["won by 0"] += oracle.score[0] >= WINS
         seen["won by 1"] += oracle.score[1] >= WINS
