@@ -134,7 +134,7 @@ def updated(
     network: Network, config: TrainConfig, minibatches: int, now: Updates, rows: Rows, key: jax.Array
 ) -> Updates:
     """Makes the updates of an epoch."""
-    order = jax.random.permutation(key, rows.begins.shape[0]).reshape(minibatches, 1, -1)
+    order = jax.random.permutation(key, rows.begins.shape[1]).reshape(minibatches, 1, -1)
 
     def learn(now: Updates, picked: jax.Array) -> tuple[Updates, None]:
         return update(now, network, config.ppo, rows.picked(picked), lambda x: x)[0], None
@@ -158,8 +158,7 @@ def drawn_rows(network: Network, n_rows: int, chunk: int, weights: Any, key: jax
     number = jax.random.normal(gain, (chunk, n_rows, network.n_agents))
     every = jnp.ones(number.shape, bool)
     chances = log_prob(network.heads, out, action)
-    steps = Rows(features, action, begins, chances, number, number, every, every, memory=())
-    return jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), steps).replace(memory=memory)
+    return Rows(features, action, begins, chances, number, number, every, every, memory)
 
 
 def part_of(source: str) -> str:

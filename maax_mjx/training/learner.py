@@ -118,7 +118,7 @@ def iterate(
     rows = rows_of(batch, before, gain, scale.normalised(returns), ppo.chunk)
     now = Updates(weights, learner.moments, jnp.zeros((), bool), learner.broken)
     first_group = index[0] * groups // len(index)
-    order = _order(shuffle, first_group, groups, rows.begins.shape[0], config)
+    order = _order(shuffle, first_group, groups, rows.begins.shape[1], config)
 
     def learn(now: Updates, picked: jax.Array) -> tuple[Updates, dict[str, jax.Array]]:
         return update(now, network, ppo, rows.picked(picked), mean)

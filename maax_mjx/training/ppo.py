@@ -21,11 +21,11 @@ Mean = Callable[[Any], Any]
 
 
 class Rows(struct.PyTreeNode):
-    """Chunks of a batch, what updates draw from, with the leading axes (n_rows, chunk, n_agents).
+    """Chunks of a batch, what updates draw from, with the leading axes (chunk, n_rows, n_agents), steps first.
 
     Attributes:
         features, action: what was seen and done.
-        begins: (n_rows, chunk) bool.
+        begins: (chunk, n_rows) bool.
         log_prob: log-probability of the action when it was taken.
         advantage, target: of the action, and for the critic in its own units.
         acts, counts: bool, which steps count for the policy and the critic.
@@ -43,9 +43,11 @@ class Rows(struct.PyTreeNode):
     memory: Any
 
     def picked(self, index: jax.Array) -> Rows:
-        """Returns some of the rows."""
+        """Returns some of the rows by an index (..., n), whose other axes come before the steps."""
+        first = index.ndim - 1
         with jax.named_scope("rows"):
-            return jax.tree.map(lambda x: x[index], self)
+            steps = jax.tree.map(lambda x: jnp.moveaxis(x[:, index], 0, first), self.replace(memory=()))
+            return steps.replace(memory=jax.tree.map(lambda x: x[index], self.memory))
 
 
 def rows_of(batch: Batch, before: Memory, advantage: jax.Array, target: jax.Array, chunk: int) -> Rows:
@@ -72,13 +74,13 @@ def rows_of(batch: Batch, before: Memory, advantage: jax.Array, target: jax.Arra
         memory=(),
     )
 
+    n_rows = batch.begins.size // chunk
+
     def cut(x: jax.Array) -> jax.Array:
         n_steps, n_worlds = x.shape[:2]
-        x = x.reshape(n_steps // chunk, chunk, n_worlds, *x.shape[2:])
-        x = jnp.moveaxis(x, 2, 0)
-        return x.reshape(n_worlds * (n_steps // chunk), chunk, *x.shape[3:])
+        x = jnp.moveaxis(x.reshape(n_steps // chunk, chunk, n_worlds, *x.shape[2:]), 0, 2)
+        return x.reshape(chunk, n_rows, *x.shape[3:])
 
-    n_rows = batch.begins.size // chunk
     first = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1).reshape(n_rows, *x.shape[2:]), before)
     return jax.tree.map(cut, steps).replace(memory=first)
 
@@ -93,23 +95,20 @@ def loss(weights: Weights, network: Network, ppo: PPOConfig, rows: Rows, total: 
         rows: the rows.
         total: ("acts", "counts") how many agents' steps count in the whole minibatch, on all devices.
     """
-    over_time = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), (rows.features, rows.begins, rows.action))
-    features, begins, action = over_time
-    out, _ = network.actor(weights, features, rows.memory.actor, begins)
-    value, _ = network.critic(weights, features, rows.memory.critic, begins)
-    old, advantage, target, acts, counts = (
-        jnp.swapaxes(x, 0, 1) for x in (rows.log_prob, rows.advantage, rows.target, rows.acts, rows.counts)
-    )
+    out, _ = network.actor(weights, rows.features, rows.memory.actor, rows.begins)
+    value, _ = network.critic(weights, rows.features, rows.memory.critic, rows.begins)
+    advantage, acts = rows.advantage, rows.acts
 
     def mean(x: jax.Array, where: jax.Array, n: jax.Array) -> jax.Array:
         return jnp.where(where, x, 0.0).sum() / jnp.maximum(n, 1.0)
 
-    change = jnp.where(acts, log_prob(network.heads, out, action) - old, 0.0)
+    change = jnp.where(acts, log_prob(network.heads, out, rows.action) - rows.log_prob, 0.0)
     ratio = jnp.exp(change)
     gain = jnp.minimum(ratio * advantage, jnp.clip(ratio, 1 - ppo.clip, 1 + ppo.clip) * advantage)
     spread = entropies(network.heads, out)
     parts = {f"entropy_{name}": mean(x, acts, total["acts"]) for name, x in spread.items()}
-    policy, error = mean(-gain, acts, total["acts"]), mean((value - target) ** 2, counts, total["counts"])
+    policy = mean(-gain, acts, total["acts"])
+    error = mean((value - rows.target) ** 2, rows.counts, total["counts"])
     whole = policy + ppo.value * error - ppo.entropy * sum(parts.values())
     info = parts | {
         "loss_policy": policy,

@@ -87,16 +87,12 @@ def test_before_the_first_update_the_ratio_is_one(played):
     """What the update computes from chunks are the numbers with which the actions were drawn."""
     network, weights, batch, before = played
     rows = rows_of(batch, before, batch.reward, batch.value, PPO.chunk)
-    features, begins, action, chances, values = jax.tree.map(
-        lambda x: jnp.swapaxes(x, 0, 1), (rows.features, rows.begins, rows.action, rows.log_prob, rows.target)
-    )
-    out, _ = jax.jit(network.actor)(weights, features, rows.memory.actor, begins)
-    value, _ = jax.jit(network.critic)(weights, features, rows.memory.critic, begins)
-    np.testing.assert_allclose(
-        jnp.exp(jax.jit(partial(log_prob, network.heads))(out, action) - chances), 1.0, atol=1e-5
-    )
-    np.testing.assert_allclose(value, values, atol=1e-5)
-    assert float(jnp.std(chances)) > 0.1, "actions differ in how likely they are"
+    out, _ = jax.jit(network.actor)(weights, rows.features, rows.memory.actor, rows.begins)
+    value, _ = jax.jit(network.critic)(weights, rows.features, rows.memory.critic, rows.begins)
+    now = jax.jit(partial(log_prob, network.heads))(out, rows.action)
+    np.testing.assert_allclose(jnp.exp(now - rows.log_prob), 1.0, atol=1e-5)
+    np.testing.assert_allclose(value, rows.target, atol=1e-5)
+    assert float(jnp.std(rows.log_prob)) > 0.1, "actions differ in how likely they are"
 
 
 def test_rows_are_of_one_world_in_a_row(played):
@@ -104,9 +100,13 @@ def test_rows_are_of_one_world_in_a_row(played):
     world = jnp.broadcast_to(jnp.arange(N, dtype=jnp.float32)[:, None], batch.reward.shape)
     step = jnp.broadcast_to(jnp.arange(8.0)[:, None, None], batch.reward.shape)
     rows = rows_of(batch, before, world, step, PPO.chunk)
-    assert (rows.advantage == rows.advantage[:, :1]).all()
-    np.testing.assert_array_equal(rows.advantage[:, 0, 0], np.repeat(np.arange(N), 2))
-    np.testing.assert_array_equal(rows.target[:, :, 0], np.tile(np.arange(8.0).reshape(2, 4), (N, 1)))
+    assert (rows.advantage == rows.advantage[:1]).all()
+    np.testing.assert_array_equal(rows.advantage[0, :, 0], np.repeat(np.arange(N), 2))
+    np.testing.assert_array_equal(rows.target[:, :, 0].T, np.tile(np.arange(8.0).reshape(2, 4), (N, 1)))
+    some = rows.picked(jnp.array([[3, 0], [5, 4]]))
+    assert some.target.shape == (2, 4, 2, rows.target.shape[2])
+    np.testing.assert_array_equal(some.advantage[:, 0, :, 0], [[1, 0], [2, 2]])
+    np.testing.assert_array_equal(some.memory.actor[0, 1], rows.memory.actor[0])
 
 
 @pytest.mark.slow
@@ -161,10 +161,7 @@ def test_an_update_that_is_not_finite_is_skipped_and_counted(played, updated):
 def test_microbatches_change_nothing(played, updated):
     _, weights, batch, before = played
     rows = rows_of(batch, before, batch.reward, batch.value, PPO.chunk)
-    parts = [
-        updated(fresh(weights), jax.tree.map(lambda x, n=n: x.reshape(n, len(x) // n, *x.shape[1:]), rows))[1]
-        for n in (1, 4)
-    ]
+    parts = [updated(fresh(weights), rows.picked(jnp.arange(rows.begins.shape[1]).reshape(n, -1)))[1] for n in (1, 4)]
     for name in parts[0]:
         np.testing.assert_allclose(parts[0][name], parts[1][name], rtol=1e-4, atol=1e-5, err_msg=name)
 
