@@ -209,6 +209,10 @@ for box in ('type="box" size=".3 .28 .08"', 'type="box" pos="0 0 .02" size=".2 .
 
 
 class Walkers(maax.Agents):
+    def __init__(self, n_agents):
+        super().__init__(n_agents)
+        self.extent = np.array((0.8, 0.6, 0.6), np.float32)
+
     def make(self, name):
         file = DESK.replace("</mujoco>", "") + "<actuator>"
         return ObjFromXML(
