@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -89,21 +89,27 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     return value
 
 
-def is_again(new: Any, old: Any) -> bool:
+def _is_again(new: Any, old: Any) -> bool:
     """Whether a function is another one anew: a cell of a notebook that ran twice, a module that was reloaded."""
     names = [(getattr(fn, "__module__", None), getattr(fn, "__qualname__", "<lambda>")) for fn in (new, old)]
     return names[0] == names[1] and "<" not in names[0][1]
 
 
-def check_new_name(name: object, taken: Iterable[str]) -> str:
+def check_new_name(name: object, taken: Iterable[str] | Mapping[str, Any], new: Any = None) -> str:
     """A name that nothing is registered by yet.
+
+    Args:
+        name: the name.
+        taken: names, or the functions that are registered by them.
+        new: the function to be registered, which may replace the one of which it is another run.
 
     Raises:
         ValueError: something else than a text that is not empty, or a name that is taken.
     """
-    taken = sorted(taken)
-    if not isinstance(name, str) or not name or name in taken:
-        raise ValueError(f"name: got {name!r}; takes a name that is not taken, as are {taken}")
+    functions: Mapping[str, Any] = taken if isinstance(taken, Mapping) else {}
+    others = sorted(one for one in taken if one != name or not _is_again(new, functions.get(one)))
+    if not isinstance(name, str) or not name or name in others:
+        raise ValueError(f"name: got {name!r}; takes a name that is not taken, as are {others}")
     return name
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from maax_mjx.common.checks import check_choice, check_new_name, is_again
+from maax_mjx.common.checks import check_choice, check_new_name
 from maax_mjx.layout.layout import PlacementFn
 from maax_mjx.layout.placement import (
     centre_placement,
@@ -92,9 +92,7 @@ def register_placement(name: str, placement_fn: PlacementFn) -> None:
     Raises:
         ValueError: a name that is taken, or what is not a function.
     """
-    check_new_name(
-        name, [taken for taken, fn in _PLACEMENTS.items() if taken != name or not is_again(placement_fn, fn)]
-    )
+    check_new_name(name, _PLACEMENTS, placement_fn)
     if _is_room(name):
         raise ValueError(f"name: got {name!r}; takes a name that is not of a room")
     if not callable(placement_fn):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import jax
 
-from maax_mjx.common.checks import check_bool, check_choice, check_count, check_new_name, is_again
+from maax_mjx.common.checks import check_bool, check_choice, check_count, check_new_name
 from maax_mjx.layout.fixed_rooms import LARGEST, SMALLEST, SPLITS, empty, half, quad, tri, var_quad
 from maax_mjx.layout.random_rooms import RandomRooms
 from maax_mjx.layout.rooms import Rooms
@@ -94,10 +94,9 @@ def register_scenario(
             raise ValueError(f"{argument}: got {value!r}; takes a function grid_size -> cells, or None")
     if quadrant_cells is not None and n_walls < 2:
         raise ValueError(f"n_walls: got {n_walls} beside quadrant_cells; takes at least the quadrant's 2")
-    before = _SCENARIOS.get(name)
-    again = before is not None and is_again(draw, getattr(before, "draw_rooms", None))
+    drawn_by = {taken: getattr(scenario, "draw_rooms", None) for taken, scenario in _SCENARIOS.items()}
     _SCENARIOS[name] = FixedScenario(
-        name=check_new_name(name, [taken for taken in _SCENARIOS if taken != name or not again]),
+        name=check_new_name(name, drawn_by, draw),
         draw_rooms=draw,
         n_walls=n_walls,
         n_rooms=n_rooms,

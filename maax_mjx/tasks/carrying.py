@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.layout.plan import RoomPlan
+from maax_mjx.tasks.walking import next_step
 from maax_mjx.wrappers.enclosure import Footprints, walls_of
 
 RATE, FASTEST = 5.0, 3.5
@@ -24,8 +25,25 @@ PLACES, SHORT = 8, 6.0
 """Places along an edge of a room that are looked at for turning, and metres that an agent goes for one of room."""
 SLIM = 0.02
 """Metres that an agent with a thing in hand goes nearer to walls."""
+NO_ROOM, AHEAD = 20.0, 0.7
+"""Metres that an agent goes rather than to where a metre of room is missing, and metres by which it looks ahead."""
+REACH = 0.25
+"""Metres from an agent's middle within which it locks."""
 STILL = 0.01
 """Metres and radians off below which friction is left to hold a thing."""
+
+
+def onward(plan: RoomPlan, thing: jax.Array, goal: jax.Array, things: Footprints) -> jax.Array:
+    """Returns where a thing in hand is brought next (2,) in metres, on the way to a goal.
+
+    Args:
+        plan: of the rooms.
+        thing: (2,) metres, where the thing is.
+        goal: (2,) metres.
+        things: what is in the way, see `in_hand`.
+    """
+    to, straight = next_step(plan, thing, goal, things)
+    return thing + jnp.where(straight, to, to / jnp.maximum(jnp.linalg.norm(to), 1e-6) * AHEAD)
 
 
 def turned(vector: jax.Array, angle: jax.Array) -> jax.Array:

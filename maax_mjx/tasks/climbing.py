@@ -13,16 +13,19 @@ from maax_mjx.core.state import State
 from maax_mjx.layout.plan import RoomPlan
 from maax_mjx.tasks.carrying import (
     FASTEST,
+    NO_ROOM,
+    REACH,
     bring,
     footprints,
     in_hand,
     is_stuck,
+    onward,
     turned,
     turning_place,
     without,
     wrapped,
 )
-from maax_mjx.tasks.walking import face, next_step, task_of, walk
+from maax_mjx.tasks.walking import face, task_of, walk
 from maax_mjx.wrappers import GrabObjects, LockObjects, LockTask
 from maax_mjx.wrappers.enclosure import Footprints, walls_of
 from maax_mjx.wrappers.reach import distance_to_objects
@@ -35,16 +38,12 @@ AT_WALL = 0.31
 """Metres from a wall's middle line to the middle of a ramp that leads over it: half of both, and a little."""
 BESIDE = 0.43
 """Metres from a ramp's middle where an agent stands to take hold of it, or to go up."""
-REACH = 0.25
-"""Metres from an agent's middle within which it locks."""
 SIDES = np.array([np.pi, -np.pi / 2, np.pi / 2, 0.0])
 """Where an agent may take hold, from the way up in radians: below, beside, above."""
 DEARER = np.array([0.0, 2.0, 2.0, 3.0])
 """Metres that the agent walks rather than to take hold there."""
-NO_ROOM = 20.0
-"""Metres that it walks rather than to go where there is no room."""
-CROWDED, AHEAD = 6.0, 0.7
-"""Metres that it carries a ramp rather than where a metre of room is missing, and metres by which it looks ahead."""
+CROWDED = 6.0
+"""Metres that it carries a ramp rather than where a metre of room is missing."""
 SWEEP = 0.75
 """Metres around an agent that turns with a ramp in hand."""
 TOP = 0.35
@@ -208,12 +207,11 @@ def _carry(
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Forces (3,) of an agent that carries a ramp to a spot, and whether it would come between ramp and wall."""
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
-    to, straight = next_step(state.world.plan, ramp.at, spot, in_hand(boxes, state.world.plan, here - ramp.at, 0.08))
-    onward = ramp.at + jnp.where(straight, to, to / jnp.maximum(jnp.linalg.norm(to), 1e-6) * AHEAD)
+    on = onward(state.world.plan, ramp.at, spot, in_hand(boxes, state.world.plan, here - ramp.at, 0.08))
     pivot = turning_place(here, room, ramp.things, jnp.asarray(SWEEP))
     is_between = turned(here - ramp.at, ramp.turn) @ wall.across > 0.25
     is_there = (jnp.abs(ramp.turn) < 0.3) & (jnp.linalg.norm(ramp.at - spot) < 0.7)
-    return bring(state, env, agent, ramp.at, onward, ramp.turn, jnp.asarray(FASTEST), pivot), is_between & is_there
+    return bring(state, env, agent, ramp.at, on, ramp.turn, jnp.asarray(FASTEST), pivot), is_between & is_there
 
 
 def _fetch(

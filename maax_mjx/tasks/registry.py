@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 
 from maax_mjx.common.annotated import check_fields
-from maax_mjx.common.checks import check_choice, check_new_name, is_again, is_traced
+from maax_mjx.common.checks import check_choice, check_new_name, is_traced
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment, Made
 from maax_mjx.core.state import State
@@ -115,7 +115,7 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
         ValueError: a name that is taken, a config that is not such a class, or defaults that its annotations do not
             allow.
     """
-    check_new_name(name, [taken for taken, task in _TASKS.items() if taken != name or not is_again(build, task.build)])
+    check_new_name(name, {taken: task.build for taken, task in _TASKS.items()}, build)
     if not callable(build):
         raise ValueError(f"build: got {build!r}; takes a function from a config to an environment")
     if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]

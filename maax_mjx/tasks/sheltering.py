@@ -12,16 +12,19 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.tasks.carrying import (
     FASTEST,
+    NO_ROOM,
+    REACH,
     bring,
     footprints,
     in_hand,
     is_stuck,
     joined,
+    onward,
     turning_place,
     without,
     wrapped,
 )
-from maax_mjx.tasks.walking import CELLS, face, next_step, task_of, walk, ways
+from maax_mjx.tasks.walking import CELLS, face, task_of, walk, ways
 from maax_mjx.wrappers import GrabObjects, LockObjects, ShelterReward
 from maax_mjx.wrappers.enclosure import Footprints, walls_of
 
@@ -39,14 +42,12 @@ BEFORE = 0.6
 """Metres further away from which a box goes straight to its place."""
 CAREFUL = 1.5
 """Metres per second at most beside the boxes that are there."""
-NO_ROOM, AHEAD = 20.0, 0.7
-"""Metres that it walks rather than to go where a metre of room is missing, and metres by which it looks ahead."""
 FAR = 20.0
 """Metres that count for what cannot be reached."""
 EDGE = 0.33
 """Metres from the floor's edges that an agent's middle keeps."""
-WALL, REACH = 0.15, 0.25
-"""Metres from the floor's edges to the faces of walls, and from an agent's middle within which it locks."""
+WALL = 0.15
+"""Metres from the floor's edges to the faces of walls."""
 LEFT = 0.25
 """Share of boxes that it leaves alone for a while, by chance."""
 FITS, LOOSE = np.array([0.04, 0.06]), np.array([0.1, 0.14])
@@ -244,14 +245,13 @@ def _carry(
     stand = goal + (jnp.min(box.half) + BESIDE) * u
     left = jnp.where(u > 0, plan.floor_size - EDGE - stand, stand - EDGE) / jnp.maximum(jnp.abs(u), 1e-3)
     before = goal + jnp.clip(left.min(), 0.0, BEFORE) * u
-    to, straight = next_step(plan, box.at, before, in_hand(box.things, plan, here - box.at, GROW))
-    to = jnp.where(straight, to, to / jnp.maximum(jnp.linalg.norm(to), 1e-6) * AHEAD)
+    on = onward(plan, box.at, before, in_hand(box.things, plan, here - box.at, GROW))
     floor = jnp.concatenate([jnp.full(2, WALL), jnp.full(2, plan.floor_size - WALL)])
     sweep = jnp.where(box.half.max() > CUBE, 0.95, 0.8)
     pivot = turning_place(here, floor, fixed, sweep)
-    onward = jnp.where(in_line, goal, box.at + to)
+    next_place = jnp.where(in_line, goal, on)
     fastest = jnp.where(in_line, CAREFUL, FASTEST)
-    return bring(state, env, agent, box.at, onward, turn, fastest, pivot)
+    return bring(state, env, agent, box.at, next_place, turn, fastest, pivot)
 
 
 def check_shelter(env: Environment) -> None:

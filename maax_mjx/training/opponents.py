@@ -13,7 +13,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.tasks import building, climbing, scripted, scripted_players, sheltering, walking
 from maax_mjx.wrappers import BlueprintReward, CaptureTheFlag, GrabObjects, LockObjects, LockTask, Tag
-from maax_mjx.wrappers.wrapper import find
+from maax_mjx.wrappers.wrapper import Wrapper, find
 
 Script = Callable[[Environment, State, jax.Array], Any]
 """`(env, state, key) -> action` of all agents of one world."""
@@ -98,20 +98,13 @@ def _capture_the_flag(env: Environment, state: State, key: jax.Array) -> Any:
     return scripted.to_action(env, scripted_players.capture_the_flag(state, env))
 
 
-def _has_lock_task(env: Environment) -> None:
-    walking.task_of(env, LockTask, "lock_and_return")
+def _has(kind: type[Wrapper], game: str) -> Callable[[Environment], None]:
+    """A check that refuses a game without a wrapper; it names a game that has it."""
 
+    def check(env: Environment) -> None:
+        walking.task_of(env, kind, game)
 
-def _has_sites(env: Environment) -> None:
-    walking.task_of(env, BlueprintReward, "blueprint")
-
-
-def _has_tag(env: Environment) -> None:
-    walking.task_of(env, Tag, "tag")
-
-
-def _has_flags(env: Environment) -> None:
-    walking.task_of(env, CaptureTheFlag, "capture_the_flag")
+    return check
 
 
 def _can_close_doors(env: Environment) -> None:
@@ -125,12 +118,12 @@ SCRIPTED: dict[str, Scripted] = {
     "random": Scripted("random", _random),
     "still": Scripted("still", _still),
     "chase": Scripted("chase", _chase),
-    "lock_and_return": Scripted("lock_and_return", _alone(walking.lock_and_return), _has_lock_task),
+    "lock_and_return": Scripted("lock_and_return", _alone(walking.lock_and_return), _has(LockTask, "lock_and_return")),
     "sequential_lock": Scripted("sequential_lock", _alone(climbing.sequential_lock), climbing.check_sequential_lock),
-    "blueprint": Scripted("blueprint", _alone(building.blueprint), _has_sites),
+    "blueprint": Scripted("blueprint", _alone(building.blueprint), _has(BlueprintReward, "blueprint")),
     "shelter": Scripted("shelter", _alone(sheltering.shelter), sheltering.check_shelter),
-    "tag": Scripted("tag", _tag, _has_tag),
-    "capture_the_flag": Scripted("capture_the_flag", _capture_the_flag, _has_flags),
+    "tag": Scripted("tag", _tag, _has(Tag, "tag")),
+    "capture_the_flag": Scripted("capture_the_flag", _capture_the_flag, _has(CaptureTheFlag, "capture_the_flag")),
     "close_door": Scripted("close_door", _close_door, _can_close_doors),
 }
 """Scripted players by name."""
