@@ -197,6 +197,10 @@ class Composition:
         # Bodies that can be absent float where they are parked; the overlay gives them weight when they are in play.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
+        # Two geoms without friction touch in one row; three would be so stiff that float32 cannot solve for them.
+        for geom in spec.geoms:
+            if geom.condim == 3 and geom.friction[0] == 0:
+                geom.condim = 1
         # Not max_geom_pairs: MJX keeps the pairs whose bounding spheres overlap most, and those of long walls overlap
         # everything, so that it would leave out true contacts.
         spec.add_numeric(name="max_contact_points", data=[self.contacts_per_world], size=1)

@@ -91,8 +91,11 @@ class JaxEngine(MjxEngine):
     def _frame(self, starts: dict[str, jax.Array], fixed: tuple[Fields, dict[str, jax.Array]]) -> tuple:
         fields, others = fixed
         d = self.mjx_step(self.mjx.overlay(fields), self.mjx.data(starts | others))
-        dist = contact_distances(d)
-        # The deepest contacts are kept: some may be missing only if there is no room left and every kept one is active.
-        overflow = jnp.all(dist < 0) if dist.size >= self.contacts_per_world else jnp.zeros((), bool)
+        dist, dimensions = contact_distances(d), self.mjx.contact_dimensions
+        # The deepest contacts of a dimension are kept: some may be missing only if there is no room left and every kept
+        # one is active.
+        kept = (dist[dimensions == n] for n in np.unique(dimensions))
+        full = [(x < 0).all() for x in kept if x.size >= self.contacts_per_world]
+        overflow = jnp.stack(full).any() if full else jnp.zeros((), bool)
         rest = {"time": d.time, "qacc_warmstart": d.qacc_warmstart}
         return {"qpos": d.qpos, "qvel": d.qvel}, (rest, overflow)

@@ -33,7 +33,7 @@ LOST_CONTACTS = ("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD")
 READ = {
     "jax": (
         ("mujoco.mjx", "DataJAX", ("ne", "efc_J", "efc_D", "efc_aref", "contact")),
-        ("mujoco.mjx", "Contact", ("dist",)),
+        ("mujoco.mjx", "Contact", ("dist", "dim")),
         ("mujoco.mjx._src.constraint", "make_efc_type", ()),
     ),
     "warp": (
@@ -165,9 +165,15 @@ def add_to_connects(d: mjx.Data, connects: np.ndarray, accelerations: jax.Array)
 def contact_distances(d: mjx.Data) -> jax.Array:
     """Reads the distances (n_contacts,) of the contact points that MJX's JAX data keeps, negative in contact.
 
-    Field `contact`, seen in MJX 3.17.0, of as many points as numeric `max_contact_points` at most, the deepest.
+    Field `contact`, seen in MJX 3.17.0, of as many points of each dimension as numeric `max_contact_points` at most, the
+    deepest.
     """
     return d._impl.contact.dist
+
+
+def contact_dimensions(d: mjx.Data) -> np.ndarray:
+    """Reads the dimensions (n_contacts,) of these contact points, from data that are kept on the host."""
+    return np.asarray(d._impl.contact.dim)
 
 
 def without_overflow_warnings(m: mjx.Model) -> mjx.Model:

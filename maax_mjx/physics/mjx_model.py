@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from operator import attrgetter
 from typing import Any
@@ -14,6 +15,7 @@ from mujoco import mjx
 
 from maax_mjx.physics.data import Data
 from maax_mjx.physics.fields import Fields, Overlay
+from maax_mjx.physics.mjx_internals import contact_dimensions
 
 
 def put_on_host(tree: Any) -> Any:
@@ -25,6 +27,21 @@ INPUTS = ("time", "qpos", "qvel", "ctrl", "qacc_warmstart", "eq_active", "xfrc_a
 """The fields of `Data` that an mjx.Data is filled from."""
 
 
+LEAST_FRICTION = np.array([1e-2, mujoco.mjMINMU, mujoco.mjMINMU])
+"""Sliding, torsional and rolling friction of a geom at least. A sliding one of f makes the rows of a contact 1 / f^2
+times as stiff across it as along it, more than float32 can tell apart at C MuJoCo's least, 1e-5: Warp made NaN of boxes
+that slid with 3e-3 and bore 5e-3, and MJX moved agents that slid with 1e-5 5 % too far. 1e-2 is that of published
+games."""
+
+
+def with_friction(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Returns a copy whose geoms have the least friction that float32 bears; those without friction need none."""
+    model = copy.copy(model)
+    rubs = model.geom_condim > 1
+    model.geom_friction[rubs] = np.maximum(model.geom_friction[rubs], LEAST_FRICTION)
+    return model
+
+
 def overlaid(model: mjx.Model, overlay: Overlay, fields: Fields) -> mjx.Model:
     """An mjx.Model of any implementation, kept on the host, with one world's rows in it."""
     model = jax.tree.map(jnp.asarray, model)
@@ -32,7 +49,8 @@ def overlaid(model: mjx.Model, overlay: Overlay, fields: Fields) -> mjx.Model:
     for name, ids in overlay.items():
         field = attrgetter(name)(model)
         # Warp keeps the two halves of geom_aabb on an axis of their own.
-        rows[name] = field.at[ids].set(fields[name].reshape(len(ids), *field.shape[1:]))
+        new = fields[name].reshape(len(ids), *field.shape[1:])
+        rows[name] = field.at[ids].set(jnp.maximum(new, LEAST_FRICTION) if name == "geom_friction" else new)
     return model.tree_replace(rows)
 
 
@@ -52,10 +70,16 @@ class MjxModel:
     def __init__(self, model: mujoco.MjModel, overlay: Overlay):
         self._overlay = overlay
         # May be reached for the first time inside a traced function: these arrays must not become tracers.
+        model = with_friction(model)
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
             self._model = put_on_host(mjx.put_model(model, device=device, impl="jax"))
             self._data = put_on_host(mjx.make_data(model, device=device, impl="jax"))
+
+    @property
+    def contact_dimensions(self) -> np.ndarray:
+        """(n_contacts,) dimensions of the contact points that there is room for."""
+        return contact_dimensions(self._data)
 
     def overlay(self, fields: Fields) -> mjx.Model:
         """The model of one world, whose fields these are."""

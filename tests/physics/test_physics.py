@@ -198,11 +198,42 @@ def test_solver_settings(env_c):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("impl", ["jax", "warp"])
-def test_contact_overflow_is_reported_and_counted(impl):
-    """With room for four contacts, an agent and a box, which has four of its own on the floor, make more than that."""
+@pytest.mark.parametrize(("floor", "off"), [(0.0, 1e-3), ((0.0, 0.5), 5e-3)])
+def test_nothing_rubs_without_friction(floor, off, impl):
+    """An agent slides and pushes a box as in C MuJoCo; a floor that draws its friction has a hundredth at least."""
+    if impl == "warp":
+        pytest.importorskip("warp")
+    trails = []
+    for engine in ("c", impl):
+        env = maax.Base(1, impl=engine)
+        for module in (maax.FloorAttributes(floor), maax.Agents(1, friction=0.0), maax.Boxes(1, box_friction=0.0)):
+            env.add_module(module)
+        state, step = jax.jit(env.reset)(seeds.key(0)), jax.jit(env.step)
+        slippery = {k: x.at[:, 0].set(0.0) for k, x in state.world.fields.items() if k == "geom_friction"}
+        state = state.replace(world=state.world.replace(fields=state.world.fields | slippery))
+        agent, box = (env.modules[name].qpos_ids[0] for name in ("agent", "box"))
+        qpos = state.data.qpos.at[box[:2]].set(state.data.qpos[agent[:2]] + jnp.array([0.8, 0.0]))
+        state = state.replace(data=jax.jit(env.engine.pose)(state.world.fields, state.data.replace(qpos=qpos)))
+        trail = []
+        for _ in range(40):
+            state = step(state, {"move": jnp.array([[1.0, 0.0, 0.0]])})
+            trail.append(state.data.qpos)
+        trails.append(np.stack(trail))
+    assert trails[0][-1, box[0]] - trails[0][0, box[0]] > 0.02, "it was pushed"
+    np.testing.assert_allclose(trails[1], trails[0], atol=off)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("impl", "friction"), [("jax", None), ("jax", 0.0), ("warp", None)])
+def test_contact_overflow_is_reported_and_counted(impl, friction):
+    """With room for four contacts, an agent and a box, which has four of its own on the floor, make more than that.
+
+    Without friction the box's have one row each, for which `jax` has room of their own.
+    """
     if impl == "warp":
         pytest.importorskip("warp")
     alone = {"scenario": "empty", "outer": "none", "n_hiders": 1, "n_seekers": 0, "n_ramps": 0}
+    alone |= {"box_friction": friction, "floor_friction": friction}
     worlds = maax.Worlds(maax.make("standard", impl=impl, contacts_per_world=4, **alone), 3)
     states, flags = worlds.reset(seeds.key(0)), np.zeros(3, int)
     for _ in range(20):
