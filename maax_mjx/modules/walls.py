@@ -297,7 +297,8 @@ class RandomWalls(WallScenarios):
     Args:
         n_rooms: number of rooms, or (low, high), drawn uniformly.
         min_room_size: in cells; new walls keep further than this from the corners of the room that they split.
-        door_size, prob_outside_walls, low_outside_walls, friction, outer: see `WallScenarios`.
+        door_size, prob_outside_walls, low_outside_walls, friction, outer, in_doorways, outer_height: see
+            `WallScenarios`.
         random_room_count: whether to draw 1 to `n_rooms` rooms: the same as `n_rooms=(1, n_rooms)`.
         outside_walls: False is the same as `outer="none"`.
 
@@ -315,6 +316,8 @@ class RandomWalls(WallScenarios):
         friction: float | tuple[float, float] | None = None,
         outer: str = "walls",
         *,
+        in_doorways: bool = False,
+        outer_height: float = OUTER_HEIGHT,
         random_room_count: bool = False,
         outside_walls: bool = True,
     ):
@@ -331,6 +334,8 @@ class RandomWalls(WallScenarios):
             low_outside_walls=low_outside_walls,
             friction=friction,
             outer=outer if outside_walls else "none",
+            in_doorways=in_doorways,
+            outer_height=outer_height,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections import Counter
 
 import jax
@@ -176,6 +177,15 @@ def test_names_of_the_predecessors():
         maax.RandomWalls((1, 2), random_room_count=True)
     with pytest.raises(ValueError, match="outside_walls: got False"):
         maax.RandomWalls(outer="limits", outside_walls=False)
+
+
+def test_random_walls_take_all_that_fits_them():
+    general, random = (inspect.signature(walls).parameters for walls in (maax.WallScenarios, maax.RandomWalls))
+    assert set(general) - set(random) == {"scenario", "probabilities", "p_door_dropout"}
+    walls = maax.RandomWalls(in_doorways=True, outer_height=3.0)
+    assert walls.in_doorways
+    assert 3.0 in walls._heights
+    assert not maax.RandomWalls().in_doorways
 
 
 @pytest.mark.parametrize(("n_rooms", "grid_size", "min_room_size"), [(3, 30, 6), (4, 14, 2)])
