@@ -13,9 +13,11 @@ from maax_mjx.training.stages import stage_of
 class Bar:
     """A bar on stderr with a run's speed, scores and what is left; used as a context.
 
+    It says that the run compiles as soon as it is made: so make it after the run, which refuses wrong settings.
+
     Example:
+        trainer = Trainer("tag", "runs/tag")
         with Bar(minutes=10) as bar:
-            trainer = Trainer("tag", "runs/tag")
             trainer.run(10, on_iteration=bar.of(trainer))
 
     Args:
