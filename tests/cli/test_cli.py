@@ -169,6 +169,8 @@ def test_replay(played, kind, capsys):
         (["worlds", "--out", "/"], "out: got /, which is a folder"),
         (["bench", "layouts", "--worlds", "0"], "worlds: got (0,); takes"),
         (["bench", "layouts", "--out", "."], "out: got ., which is a folder"),
+        (["info", "quadrant/fort"], "did you mean 'quadrant/forts'"),
+        (["replay", __file__], "which is no saved rollout, or damaged (no .npz); takes"),
     ],
 )
 def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch, capsys):
