@@ -63,7 +63,7 @@ def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, m
         (["train", "runs/tag", "--env.n_boxes", "2", "--steps", "64"], "takes it with a new run"),
         (
             ["train", "tag", "--preset", "laptop", "--out", "runs/tag", "--steps", "640"],
-            "env.n_ramps=0, not its default; env.horizon=8, not its default; takes that run's, or another folder (--out)",
+            "env.horizon=8, not its default; takes that run's, or another folder (--out)",
         ),
         (["train", "tag", "--ppo.lr", "-1"], "ppo.lr: got -1"),
         (["train", "tag", "--from", "runs/none"], "from: got runs/none, which is not there"),
