@@ -15,7 +15,7 @@ from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, names
 from maax_mjx.common.annotated import Bounds, check_fields
 from maax_mjx.common.checks import check_choice
 from maax_mjx.physics import impls
-from maax_mjx.training.evaluate import player_of
+from maax_mjx.training.evaluate import player_of, seated
 from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.viewer.live import is_open, play
 from maax_mjx.viewer.nodes import HERE
@@ -74,6 +74,8 @@ def run_play(args: Play, overrides: Mapping[str, str]) -> None:
         env = make_env(args.env, args.impl, overrides)
         if args.agent is not None:
             check_choice("agent", args.agent, [*env.agent_names, NOBODY])
+        for player in (policy, *([] if opponents is None else [opponents])):
+            seated(player, env)  # refuses a game that it cannot play
         print("compiling", file=sys.stderr, flush=True)
         live = play(
             env, policy, opponents, agent=args.agent, seed=args.seed, host=args.host, port=args.port

@@ -170,6 +170,7 @@ def test_replay(played, kind, capsys):
         (["bench", "layouts", "--worlds", "0"], "worlds: got (0,); takes"),
         (["bench", "layouts", "--out", "."], "out: got ., which is a folder"),
         (["info", "quadrant/fort"], "did you mean 'quadrant/forts'"),
+        (["play", "tag", "--policy", "shelter"], "shelter: got a game without ShelterReward"),
         (["replay", __file__], "which is no saved rollout, or damaged (no .npz); takes"),
     ],
 )
@@ -180,6 +181,7 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
     assert exited.value.code == 2
     told = capsys.readouterr().err
     assert named in told
+    assert "compiling" not in told
     assert "Traceback" not in told
     assert "╭" not in told
 
