@@ -49,8 +49,9 @@ class Info:
     """Shows what is installed, an environment's config, teams and spaces, a policy, or what went wrong in a world."""
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
-    """An environment's name, or a game in a file, my_game.py:football; or a policy, quadrant/forts, its file or
-    the folder of its run; or a file of keep_faults, whose last step is made again; without, what is installed."""
+    """A game's name, or one in a file, my_game.py:football;
+    or a policy: its name, quadrant/forts, its file or the folder of its run;
+    or a file of keep_faults, whose last step is made again. Without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 

@@ -62,8 +62,8 @@ class Rollout:
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
     policy: Path | None = None
-    """Who plays: a trained policy, whose game is set as it was learnt (a file, the folder of a run, its past as in
-    runs/x@50M, or a name, quadrant/forts), or a scripted one (chase). Without, random actions are held for 24 steps."""
+    """Who plays: a policy (a file, the folder of a run, runs/x@50M, a name), whose game is set as it was learnt;
+    or a script, such as chase. Without, random actions, each held for 24 steps."""
     show: PositiveCount = 1
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
