@@ -28,6 +28,7 @@ from maax_mjx.training.league import League
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
+from maax_mjx.wrappers.split import declared_table
 
 BROKEN = 10
 """Updates in a row that are not finite, after which a run stops."""
@@ -89,6 +90,7 @@ class Trainer:
             raise ValueError(
                 "ppo.bootstrap: got 'horizon' for a game with horizon=None; takes 'end', which never comes"
             )
+        declared_table(self.env, "train", masks=())  # networks read what is declared, and would miss the rest
         self.network = Network.of(self.env, self.config.net)
         self.worlds = Worlds(self.env, self.config.worlds, devices, keep_faults=keep_faults)
         check_divides(self.config, len(self.worlds.shards.devices))

@@ -54,6 +54,13 @@ def trainer(folder, impl="c", **changed):
     return training.Trainer(echo(impl), folder, "laptop", N, **(SMALL | changed))
 
 
+class Luck(maax.ObservationWrapper):
+    """Observes what it does not declare."""
+
+    def observation(self, state):
+        return state.obs | {"luck": state.reward[:, None]}
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A run of six iterations."""
@@ -178,6 +185,10 @@ def test_other_runs_are_refused(run, tmp_path):
         training.Trainer(echo(), tmp_path / "c", env={"n_boxes": 2})
     with pytest.raises(ValueError, match="which belongs to no agent; takes an environment whose agents observe"):
         training.Trainer(maax.make("standard", impl="c"), tmp_path / "d", "laptop")
+    with pytest.raises(
+        ValueError, match=r"train: 'luck' is observed and not declared; say whose it is, in Luck: def decl"
+    ):
+        training.Trainer(Luck(echo()), tmp_path / "e", "laptop", N, **SMALL)
 
 
 def test_policies_play_wherever_policies_are_taken(run, tmp_path):
