@@ -16,6 +16,7 @@ from PIL import Image
 
 import maax_mjx as maax
 from maax_mjx import training
+from maax_mjx.benchmarks import BENCHMARKS
 from maax_mjx.cli import main, saved
 from maax_mjx.cli.options import split_overrides, value_of
 from maax_mjx.cli.saved import load
@@ -184,6 +185,13 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
     assert "compiling" not in told
     assert "Traceback" not in told
     assert "╭" not in told
+
+
+def test_the_list_of_benchmarks_is_aligned(capsys):
+    main(["bench"])
+    lines = capsys.readouterr().out.partition("NAME:\n")[2].splitlines()
+    assert {line.split()[0] for line in lines} == set(BENCHMARKS)
+    assert len({line.index(line.split(maxsplit=1)[1]) for line in lines}) == 1
 
 
 @pytest.mark.parametrize(
