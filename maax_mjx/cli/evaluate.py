@@ -55,5 +55,5 @@ def evaluate(args: Evaluate, overrides: Mapping[str, str]) -> None:
     with Interrupt():
         fields = values_of(policy.game["game"], overrides) if policy.game else {}
         env = policy.make_env(impl=args.impl, **fields)
-        found = training.evaluate(policy, args.against, args.episodes, env, seed=args.seed)
+        found = training.evaluate(policy, args.against, args.episodes, env, seed=args.seed, bar=True)
     print(json.dumps(training.as_json(found), indent=1) if args.json else found, flush=True)

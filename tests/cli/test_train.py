@@ -103,3 +103,13 @@ def test_a_rollout_takes_scripted_players_and_a_runs_past(tmp_path, capsys, monk
     assert still["policy"] == "still"
     printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "16", "--out", "run")
     assert printed(capsys, "rollout", "tag", *short, "--policy", "run@0")["policy"] == "run@0"
+
+
+def test_an_evaluation_says_what_it_plays(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "16", "--out", "run")
+    main(["evaluate", "run", "--against", "still", "random", "--episodes", "2", "--impl", "c"])
+    told = capsys.readouterr()
+    assert "players against still: 0/2 match" in told.err
+    assert "players against random: 1/2 match" in told.err
+    assert told.out.startswith("team ")

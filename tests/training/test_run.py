@@ -126,6 +126,7 @@ def test_a_saved_run_goes_on_bit_for_bit_on_jax(tmp_path):
     def save_half(now):
         if now.iteration == FEW // 2:
             whole.save()
+            whole.folder.draw(finished=True)  # no file comes and goes while they are copied
             shutil.copytree(whole.folder.path, tmp_path / "cut")
 
     whole = trainer(tmp_path / "whole", "jax", **PLAIN)
