@@ -91,7 +91,8 @@ def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any], where: str =
             raise AssertionError(f"{where}, step {t}: step changed the tree of the State, so that it cannot be scanned")
         if _shapes(states[-1]) != _shapes(states[0]):
             raise AssertionError(
-                f"{where}, step {t}: step changed a shape or dtype of the State, so that it cannot be scanned"
+                f"{where}, step {t}: step changed a shape or dtype of the State, so that it cannot be scanned: "
+                f"state{_changed(states[0], states[-1])}"
             )
     return states
 
@@ -99,6 +100,18 @@ def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any], where: str =
 def _shapes(state: State) -> list[tuple[Any, ...]]:
     leaves = jax.tree.leaves(state)
     return [(jnp.shape(x), jnp.asarray(x).dtype, getattr(x, "weak_type", False)) for x in leaves]
+
+
+def _changed(before: State, after: State) -> str:
+    """Returns where the first array is that changed, and how."""
+    named = [jax.tree_util.keystr(path) for path, _ in jax.tree.leaves_with_path(before)]
+    both = zip(named, _shapes(before), _shapes(after), strict=True)
+    at, was, now = next((at, was, now) for at, was, now in both if was != now)
+    return f"{at} was {_words(*was)} and is {_words(*now)}"
+
+
+def _words(shape: tuple[int, ...], dtype: Any, weak: bool) -> str:
+    return f"{'weak ' if weak else ''}{dtype}{list(shape)}"
 
 
 def _check_states(env: Environment, states: list[State], where: str) -> None:

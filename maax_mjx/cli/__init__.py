@@ -12,7 +12,7 @@ import tyro
 
 from maax_mjx.cli.bench import BENCHMARKS, bench
 from maax_mjx.cli.evaluate import Evaluate, evaluate
-from maax_mjx.cli.info import Info, info, is_of_faults, is_of_policy
+from maax_mjx.cli.info import Info, check_named, info
 from maax_mjx.cli.interrupt import EXIT_CODE, Interrupt
 from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
 from maax_mjx.cli.play import Play, run_play
@@ -92,7 +92,9 @@ def run(argv: list[str]) -> None:
         argv, found = split_overrides(argv, f"--{group}.")
         settings |= {f"{group}.{name}": text for name, text in found.items()}
     named = argv[:1] in (["rollout"], ["info"], ["worlds"], ["play"]) and len(argv) > 1 and not argv[1].startswith("-")
-    if named and not (argv[0] == "info" and (is_of_faults(argv[1]) or is_of_policy(argv[1]))):
+    if named and argv[0] == "info":
+        check_named(argv[1])
+    elif named:
         check_game("env", argv[1])
     args = parsed(
         lambda: tyro.extras.subcommand_cli_from_dict(

@@ -15,8 +15,9 @@ def bench(args: list[str]) -> None:
     """Runs a module of `maax_mjx.benchmarks` with its own options, or lists them."""
     if not args or args[0] in ("-h", "--help"):
         print("usage: maax-mjx bench NAME [OPTIONS]; maax-mjx bench NAME --help lists them.\n\nNAME:")
+        width = max(map(len, BENCHMARKS))
         for name in BENCHMARKS:
-            print(f"  {name:10} {_command(name).description.splitlines()[0]}")
+            print(f"  {name:{width}} {_command(name).description.splitlines()[0]}")
         return
     name = check_choice("bench", args[0], BENCHMARKS)
     command = _command(name)

@@ -25,9 +25,9 @@ class Evaluate:
     policy: tyro.conf.Positional[str]
     """A policy: its file, the folder of a run, or the name of one that comes with the package, quadrant/forts."""
     against: tuple[str, ...] = ("random",)
-    """Opponents: self, scripted ones (random, still, chase, close_door, tag, capture_the_flag, lock_and_return,
-    sequential_lock, blueprint, shelter), files, names such as quadrant/chase, folders, or a run's past as in
-    runs/x@50M."""
+    """Opponents: self, files, names such as quadrant/chase, folders, a run's past as in runs/x@50M;
+    or scripts: random, still, chase, close_door, tag, capture_the_flag,
+    lock_and_return, sequential_lock, blueprint, shelter."""
     episodes: PositiveCount = 1024
     """Episodes of every match, each in a world of its own."""
     seed: Seed = 0
@@ -55,5 +55,5 @@ def evaluate(args: Evaluate, overrides: Mapping[str, str]) -> None:
     with Interrupt():
         fields = values_of(policy.game["game"], overrides) if policy.game else {}
         env = policy.make_env(impl=args.impl, **fields)
-        found = training.evaluate(policy, args.against, args.episodes, env, seed=args.seed)
+        found = training.evaluate(policy, args.against, args.episodes, env, seed=args.seed, bar=True)
     print(json.dumps(training.as_json(found), indent=1) if args.json else found, flush=True)

@@ -16,15 +16,17 @@ import tyro
 from gymnasium import spaces
 
 import maax_mjx as maax
-from maax_mjx.cli.options import config_with, game_names, report
+from maax_mjx.cli.options import config_with, game_names, is_game, report
 from maax_mjx.cli.saved import TAKES, env_of
+from maax_mjx.common.checks import check_choice
 from maax_mjx.common.runtime import cores
 from maax_mjx.core.describe import Description, Row
 from maax_mjx.parallel.recording import read
 from maax_mjx.physics import best_impl, check_impl, impls
+from maax_mjx.tasks import check_game
 from maax_mjx.tasks.published import as_published
 from maax_mjx.training.evaluate import player_of
-from maax_mjx.training.shipped import file_of
+from maax_mjx.training.shipped import file_of, policies
 from maax_mjx.viewer.gl import backends
 
 PACKAGES = (
@@ -47,8 +49,9 @@ class Info:
     """Shows what is installed, an environment's config, teams and spaces, a policy, or what went wrong in a world."""
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
-    """An environment's name, or a game in a file, my_game.py:football; or a policy, quadrant/forts, its file or
-    the folder of its run; or a file of keep_faults, whose last step is made again; without, what is installed."""
+    """A game's name, or one in a file, my_game.py:football;
+    or a policy: its name, quadrant/forts, its file or the folder of its run;
+    or a file of keep_faults, whose last step is made again. Without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 
@@ -105,6 +108,20 @@ def of_fault(path: Path) -> dict[str, Any]:
         "fault again": "yes" if found.fault else f"no, on {found.engine}",
         "about": str(found),
     }
+
+
+def check_named(word: str) -> None:
+    """Refuses a word that names nothing that the command shows.
+
+    Raises:
+        ValueError: another word; the message suggests the nearest environments or policies.
+    """
+    if is_of_faults(word) or is_of_policy(word):
+        return
+    # Names of policies have a slash, as paths have.
+    if "/" in word and not is_game(word) and not word.endswith(".py"):
+        check_choice("env", word, policies())
+    check_game("env", word)
 
 
 def is_of_policy(word: str) -> bool:

@@ -16,7 +16,6 @@ from maax_mjx.core.env import Environment
 from maax_mjx.tasks import is_in_a_file
 from maax_mjx.tasks.brought import is_same_game
 from maax_mjx.tasks.config import inner_config
-from maax_mjx.training.policy import load_any
 from maax_mjx.training.trained import TrainedPolicy
 
 ENV = "--env."
@@ -124,18 +123,6 @@ def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
             values[field] = inner()
     # Whole configs first, so that their own fields can be given in any order.
     return dict(sorted(values.items(), key=lambda item: "." in item[0]))
-
-
-def learnt_policy(path: str | Path) -> TrainedPolicy:
-    """Loads the policy that the option --policy names.
-
-    Raises:
-        ValueError: no policy.
-    """
-    try:
-        return load_any(path)
-    except ValueError as error:
-        raise ValueError(f"policy{str(error).removeprefix('path')}") from None
 
 
 def as_learnt(game: str, policy: TrainedPolicy) -> dict[str, str]:

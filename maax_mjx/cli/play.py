@@ -15,7 +15,7 @@ from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, names
 from maax_mjx.common.annotated import Bounds, check_fields
 from maax_mjx.common.checks import check_choice
 from maax_mjx.physics import impls
-from maax_mjx.training.evaluate import player_of
+from maax_mjx.training.evaluate import player_of, seated
 from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.viewer.live import is_open, play
 from maax_mjx.viewer.nodes import HERE
@@ -33,9 +33,9 @@ class Play:
     env: tyro.conf.Positional[game_names()] = "hide_and_seek_quadrant"  # type: ignore[valid-type]
     """Name of the environment, or a game in a file of your own, my_game.py:football."""
     policy: str = "random"
-    """Who plays the other agents: a trained policy (a file, the folder of a run, or a name, quadrant/forts), whose game
-    is set as it was learnt, or random, still, chase, close_door, tag, capture_the_flag, lock_and_return,
-    sequential_lock, blueprint, shelter."""
+    """Who plays the other agents: a policy (a file, the folder of a run, a name), whose game is set as it was learnt;
+    or a script: random, still, chase, close_door, tag, capture_the_flag,
+    lock_and_return, sequential_lock, blueprint, shelter."""
     opponents: str | None = None
     """Who plays the other teams; by default the policy."""
     agent: str | None = None
@@ -45,8 +45,8 @@ class Play:
     impl: names(impls()) = "c"  # type: ignore[valid-type]
     """Physics engine; c is the quickest for one world."""
     host: str = HERE
-    """Address to serve the page at: by default for this machine alone. With 0.0.0.0 whoever reaches this machine can
-    watch and steer, without a password."""
+    """Address to serve the page at: by default for this machine alone.
+    With 0.0.0.0 whoever reaches this machine can watch and steer, without a password."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
     """Port to serve the page at, or the next one that is free; 0 is any free one."""
     browser: bool = True
@@ -74,6 +74,8 @@ def run_play(args: Play, overrides: Mapping[str, str]) -> None:
         env = make_env(args.env, args.impl, overrides)
         if args.agent is not None:
             check_choice("agent", args.agent, [*env.agent_names, NOBODY])
+        for player in (policy, *([] if opponents is None else [opponents])):
+            seated(player, env)  # refuses a game that it cannot play
         print("compiling", file=sys.stderr, flush=True)
         live = play(
             env, policy, opponents, agent=args.agent, seed=args.seed, host=args.host, port=args.port

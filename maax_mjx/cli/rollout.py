@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 import maax_mjx as maax
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, as_learnt, game_names, learnt_policy, make_env, make_folder, names, report
+from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.progress import progress
@@ -26,6 +26,8 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Recording, Worlds, WorldsState
 from maax_mjx.physics import impls
+from maax_mjx.training.evaluate import player_of
+from maax_mjx.training.opponents import Scripted
 from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.viewer import contact_sheet
 from maax_mjx.viewer.film import select_worlds
@@ -60,7 +62,8 @@ class Rollout:
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
     policy: Path | None = None
-    """A trained policy: a file, the folder of a run, or a name, quadrant/forts; the game is set as it was learnt."""
+    """Who plays: a policy (a file, the folder of a run, runs/x@50M, a name), whose game is set as it was learnt;
+    or a script, such as chase. Without, random actions, each held for 24 steps."""
     show: PositiveCount = 1
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))
@@ -85,20 +88,21 @@ def rollout(args: Rollout, overrides: Mapping[str, str]) -> None:
     check_fields(args)
     if args.show > args.worlds:
         raise ValueError(f"show: got {args.show}; takes at most the number of worlds, {args.worlds}")
-    policy = None if args.policy is None else learnt_policy(args.policy)
-    if policy is not None:
-        overrides = as_learnt(args.env, policy) | dict(overrides)
+    player = None if args.policy is None else player_of("policy", str(args.policy))
+    if isinstance(player, TrainedPolicy):
+        overrides = as_learnt(args.env, player) | dict(overrides)
     with Interrupt() as interrupt:
-        result = _rollout(args, overrides, policy, interrupt)
+        result = _rollout(args, overrides, player, interrupt)
     report(result, args.json, _summary(result))
     if interrupt.asked:
         raise KeyboardInterrupt
 
 
 def _rollout(
-    args: Rollout, overrides: Mapping[str, str], policy: TrainedPolicy | None, interrupt: Interrupt
+    args: Rollout, overrides: Mapping[str, str], player: TrainedPolicy | Scripted | None, interrupt: Interrupt
 ) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
+    policy = _without_memory(player, env) if isinstance(player, Scripted) else player
     _check_memory(env, args.worlds)
     make_folder(args.out)
     worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
@@ -153,6 +157,8 @@ def _check_memory(env: Environment, n_worlds: int) -> None:
 
 Advance = Callable[[WorldsState, int, int], WorldsState]
 """`(states, done, n) -> states`: n more steps after those that are done."""
+Policy = Callable[[maax.State, jax.Array], dict[str, jax.Array]]
+"""`(state, key) -> action`, of one world."""
 
 
 def _advance(worlds: Worlds, key: jax.Array) -> Advance:
@@ -166,14 +172,24 @@ def _advance(worlds: Worlds, key: jax.Array) -> Advance:
     return lambda states, done, n: compiled(states, jax.random.fold_in(key, done // HOLD), jnp.asarray(n))
 
 
-def _play(worlds: Worlds, policy: TrainedPolicy, key: jax.Array) -> Advance:
+def _without_memory(player: Scripted, env: Environment) -> Policy:
+    """Returns a scripted player as a policy of `Worlds.rollout`.
+
+    Raises:
+        ValueError: a game that it cannot play.
+    """
+    play = player.on(env)
+    return lambda state, key: play(state, key, (), ())[0]
+
+
+def _play(worlds: Worlds, policy: TrainedPolicy | Policy, key: jax.Array) -> Advance:
     """Steps under a policy, whose memory goes on from call to call."""
     memory: list[Any] = [None]
 
     def advance(states: WorldsState, done: int, n: int) -> WorldsState:
         now = None if done == 0 else memory[0]
         states, kept = worlds.rollout(states, policy, n, key=jax.random.fold_in(key, done), memory=now)
-        memory[0] = kept["memory"]
+        memory[0] = kept.get("memory")
         return states
 
     return advance

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -88,32 +89,51 @@ def train(args: Train, env: Mapping[str, str]) -> None:
     args, fields = _went_on(args, env)
     minutes = args.minutes or (None if args.steps else DEFAULT_MINUTES)
     with Interrupt() as interrupt:
-        with training.Bar(minutes, args.steps) as bar:
-            trainer = training.Trainer(
-                args.game,
-                args.out or Path("runs") / short_name(args.game),
-                args.preset or default_preset(),
-                args.worlds,
-                devices=int(args.devices) if args.devices.isdigit() else args.devices,
-                seed=args.seed,
-                begin_from=None if args.begin_from is None else check_policy(load_any(args.begin_from), "begin_from"),
-                env=fields,
-                keep_faults=args.keep_faults,
-                transfer=args.transfer,
-                **{name: value_of(text) for name, text in args.settings.items()},
-                **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
+        trainer = training.Trainer(
+            args.game,
+            args.out or Path("runs") / short_name(args.game),
+            args.preset or default_preset(),
+            args.worlds,
+            devices=int(args.devices) if args.devices.isdigit() else args.devices,
+            seed=args.seed,
+            begin_from=None if args.begin_from is None else _begun_from(args.begin_from),
+            env=fields,
+            keep_faults=args.keep_faults,
+            transfer=args.transfer,
+            **{name: value_of(text) for name, text in args.settings.items()},
+            **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
+        )
+
+        def on_iteration(now: training.Progress) -> bool:
+            interrupt.keep()
+            return not interrupt.asked
+
+        if args.steps is not None and trainer.steps >= args.steps:
+            print(
+                f"maax-mjx: the run has {trainer.steps:,} steps already, and --steps counts all of them: nothing to do",
+                file=sys.stderr,
             )
-
-            def on_iteration(now: training.Progress) -> bool:
-                interrupt.keep()
-                return not interrupt.asked
-
-            run = trainer.run(minutes, args.steps, bar.of(trainer, on_iteration))
-        files = _replay(trainer, run)
+            run, files = training.Run(trainer.folder.path, trainer.policy, None), []
+        else:
+            with training.Bar(minutes, args.steps) as bar:
+                run = trainer.run(minutes, args.steps, bar.of(trainer, on_iteration))
+            files = _replay(trainer, run)
     result = _result(run, files)
-    report(result, args.json, "\n".join(f"  {name:15} {value}" for name, value in result.items()))
+    report(result, args.json, "\n".join(f"  {name:15} {_shown(value)}" for name, value in result.items()))
     if interrupt.asked:
         raise KeyboardInterrupt
+
+
+def _begun_from(path: Path) -> training.Policy:
+    try:
+        policy = load_any(path)
+    except ValueError as error:
+        raise ValueError(f"from{str(error).removeprefix('path')}") from None
+    return check_policy(policy, "from")
+
+
+def _shown(value: Any) -> str:
+    return f"{value:,}" if isinstance(value, int) else str(value)
 
 
 def default_preset() -> str:

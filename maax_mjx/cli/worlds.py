@@ -42,9 +42,9 @@ class Sheet:
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; each world draws one of several."""
     placement: tuple[str, ...] = ("uniform",)
-    """Placements of the agents, each in separate worlds: uniform, centre, middle, quad, outside_quad,
-    rooms_in_turn, room0, room1, ..., at:X:Y, middle:FRACTION, separation:RADIUS, proximity:RADIUS:OBJECT (such as
-    proximity:1:box0), room:INDEX."""
+    """Placements of the agents, each in separate worlds:
+    uniform, centre, middle, quad, outside_quad, rooms_in_turn, room0, room1, ...,
+    at:X:Y, middle:FRACTION, separation:RADIUS, room:INDEX, proximity:RADIUS:OBJECT (such as proximity:1:box0)."""
     n: PositiveCount = 12
     """Number of worlds for each placement."""
     outer: Outer = "walls"

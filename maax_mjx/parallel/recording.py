@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import jax
 import numpy as np
@@ -87,6 +88,8 @@ def read(path: Path, takes: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]
         ValueError: no file, another one, a damaged one, or one of another format.
     """
     try:
+        if Path(path).exists() and not is_zipfile(path):
+            raise ValueError("no .npz")
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
         meta = json.loads(str(arrays.pop(META)))

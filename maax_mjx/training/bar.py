@@ -13,9 +13,11 @@ from maax_mjx.training.stages import stage_of
 class Bar:
     """A bar on stderr with a run's speed, scores and what is left; used as a context.
 
+    It says that the run compiles as soon as it is made: so make it after the run, which refuses wrong settings.
+
     Example:
+        trainer = Trainer("tag", "runs/tag")
         with Bar(minutes=10) as bar:
-            trainer = Trainer("tag", "runs/tag")
             trainer.run(10, on_iteration=bar.of(trainer))
 
     Args:
@@ -39,19 +41,21 @@ class Bar:
             trainer: the run, before its first iteration.
             then: called after the bar is drawn; its result is that of the returned function.
         """
-        begun = trainer.seconds
-        self._bar.update(trainer.steps)
+        begun, first = trainer.seconds, trainer.steps
+        self._bar.update(first)
 
         def after(now: Progress) -> Any:
-            self._draw(now, trainer, (now.seconds - begun) / 60)
+            spent = (now.seconds - begun) / 60
+            self._draw(now, trainer, spent, (now.steps - first) / spent if spent else 0.0)
             return None if then is None else then(now)
 
         return after
 
-    def _draw(self, now: Progress, trainer: Trainer, spent: float) -> None:
+    def _draw(self, now: Progress, trainer: Trainer, spent: float, per_minute: float) -> None:
         left = None if self._minutes is None else max(0.0, self._minutes - spent)
         if self._steps is None and left is not None:
-            self._bar.total = int(now.steps + 60 * left * now.metrics.get("env_steps_per_s", 0.0))
+            # By the mean speed: a single iteration, which may have saved, says little.
+            self._bar.total = int(now.steps + left * per_minute)
         made = trainer.env.made_from
         stage = stage_of(made.name, now.metrics) if made and now.metrics.get("episodes") else ""
         self._bar.set_description_str(f"{trainer.config.worlds} worlds")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import jax
@@ -17,6 +17,8 @@ from maax_mjx.training.folder import Folder
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
 from maax_mjx.training.transfer import transferred
+
+DEFAULT = "its default"
 
 
 def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
@@ -44,13 +46,20 @@ def taken_over(policy: Any, network: Network, key: jax.Array, *, transfer: bool 
     mine = check_policy(policy, "begin_from").network
     # In which type the layers compute is no part of what was learnt.
     if replace(mine.net, compute=network.net.compute) != network.net:
-        raise ValueError(f"begin_from: got a policy with {mine.net}, and the run has {network.net}; takes the same")
+        ours, theirs = (asdict(replace(net, compute=network.net.compute)) for net in (network.net, mine.net))
+        raise ValueError(
+            f"begin_from: got a policy of other networks than the run's, {_differing(theirs, ours, 'net.')}; takes one "
+            "of the same, or these settings in the run"
+        )
     drawn = network.draw(key)
     if transfer:
         if mine.net.encoder == "flat":
             raise ValueError("transfer: got True with net.encoder=flat, which knows no entities; takes pool or attend")
         return jax.tree.map(jnp.array, transferred(policy.params, mine, network, drawn))
-    check_fits(mine, network)
+    try:
+        check_fits(mine, network)
+    except ValueError as error:
+        raise ValueError(f"{error}, or transfer=True (--transfer)") from None
     same = jax.tree.map(jnp.shape, policy.params.critic) == jax.tree.map(jnp.shape, drawn.critic)
     critic = policy.params.critic if same else drawn.critic
     # In memory of their own, since they are donated.
@@ -67,9 +76,29 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
     for name in ("game", "columns", "net", "seed"):
         if was.get(name) != about[name]:
             raise ValueError(
-                f"folder: got {folder.path}, which has a run with {name}={was.get(name)}, not {about[name]}; takes "
-                "that run's, or another folder"
+                f"folder: got {folder.path}, which has a run with {_other(name, was.get(name), about[name])}; takes "
+                "that run's, or another folder (--out)"
             )
+
+
+def _other(name: str, was: Any, now: Any) -> str:
+    """How what a run trains differs from what is asked for, in a few words."""
+    if name == "columns":
+        was = was or {}
+        return "other columns of " + ", ".join(x for x in dict.fromkeys((*was, *now)) if was.get(x) != now.get(x))
+    if name == "game" and was and now and was["game"] == now["game"]:
+        return _differing(was["config"], now["config"], "env.")
+    if name == "game":
+        was, now = (game["game"] if game else "one's own" for game in (was, now))
+    if isinstance(was, Mapping):
+        return _differing(was, now, f"{name}.")
+    return f"{name}={was}, not {now}"
+
+
+def _differing(was: Mapping[str, Any], now: Mapping[str, Any], prefix: str) -> str:
+    """The fields that differ, such as "net.core=gru, not lstm"; one that is not there has its default."""
+    names = [name for name in dict.fromkeys((*was, *now)) if was.get(name, DEFAULT) != now.get(name, DEFAULT)]
+    return "; ".join(f"{prefix}{name}={was.get(name, DEFAULT)}, not {now.get(name, DEFAULT)}" for name in names)
 
 
 def _any_engine(about: Mapping[str, Any]) -> dict[str, Any]:

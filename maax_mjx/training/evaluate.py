@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.checks import check_choice, check_count, described
+from maax_mjx.common.checks import check_bool, check_choice, check_count, described
+from maax_mjx.common.progress import progress
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
 from maax_mjx.parallel import Worlds
@@ -147,6 +148,7 @@ def evaluate(
     teams: Sequence[str] | None = None,
     devices: Devices = None,
     seed: int = 0,
+    bar: bool = False,
 ) -> Evaluation:
     """Plays a policy as each team against each opponent, in worlds that begin as usual.
 
@@ -162,6 +164,7 @@ def evaluate(
         teams: the policy's teams; None is every team.
         devices: see `Worlds`.
         seed: of the worlds and the actions.
+        bar: whether stderr shows which match is played.
 
     Returns:
         The matches.
@@ -191,9 +194,13 @@ def evaluate(
         mine if isinstance(one, str) and one == SELF else seated(player_of("against", one), env) for one in against
     ]
     matches = []
-    for one, other in zip(against, others, strict=True):
-        name = one if isinstance(one, str) else repr(one)
-        matches += [_match(worlds, mine, other, team, name, seed) for team in names]
+    with progress(total=len(others) * len(names), unit="match", disable=not check_bool("bar", bar)) as shown:
+        for one, other in zip(against, others, strict=True):
+            name = one if isinstance(one, str) else repr(one)
+            for team in names:
+                shown.set_description_str(f"{team} against {name}")
+                matches.append(_match(worlds, mine, other, team, name, seed))
+                shown.update()
     return Evaluation(tuple(matches))
 
 
@@ -216,7 +223,10 @@ def player_of(argument: str, given: Any) -> TrainedPolicy | Scripted:
         near = get_close_matches(str(given), _names(argument), 1)
         meant = f" (did you mean {near[0]!r}?)" if near else ""
         raise ValueError(f"{argument}: got {str(given)!r}, and nothing is there{meant}; {_takes_players(argument)}")
-    return load_any(given)
+    try:
+        return load_any(given)
+    except ValueError as error:
+        raise ValueError(f"{argument}{str(error).removeprefix('path')}") from None
 
 
 def _names(argument: str) -> list[str]:

@@ -101,7 +101,11 @@ class Policy(TrainedPolicy):
         other = Network.of(env, self.network.net)
         if other == self.network:
             return self
-        check_fits(self.network, other)
+        try:
+            check_fits(self.network, other)
+        except ValueError as error:
+            own = f"; policy.make_env() makes its own, {self.game['game']}" if self.game else ""
+            raise ValueError(f"{error}{own}") from None
         return Policy(other, self.params, self.game, self.steps, self.play.deterministic)
 
     def save(self, path: str | Path, small: bool = False) -> None:

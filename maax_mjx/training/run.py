@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from maax_mjx.training.league import League
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
+from maax_mjx.wrappers.split import declared_table
 
 BROKEN = 10
 """Updates in a row that are not finite, after which a run stops."""
@@ -88,11 +90,11 @@ class Trainer:
             raise ValueError(
                 "ppo.bootstrap: got 'horizon' for a game with horizon=None; takes 'end', which never comes"
             )
+        declared_table(self.env, "train", masks=())  # networks read what is declared, and would miss the rest
         self.network = Network.of(self.env, self.config.net)
         self.worlds = Worlds(self.env, self.config.worlds, devices, keep_faults=keep_faults)
         check_divides(self.config, len(self.worlds.shards.devices))
-        self.folder = Folder(folder, self.config.tensorboard)
-        self._key, start, draw = jax.random.split(jax.random.key(seed), 3)
+        self._key, self._start, draw = jax.random.split(jax.random.key(seed), 3)
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self._since = time.perf_counter()
         self.league = League(self.config.league.keep)
@@ -104,8 +106,9 @@ class Trainer:
             else taken_over(begin_from, self.network, draw, transfer=transfer)
         )
         self.learner = new_learner(weights, self.config)
-        self.states: Any = None
         self.memory: Any = None
+        # After all that is refused, so that a refusal leaves no folder behind.
+        self.folder = Folder(folder, self.config.tensorboard)
         settings = settings_of(self.config)
         about = {
             "game": game_of(self.env),
@@ -125,15 +128,19 @@ class Trainer:
             )
             self.folder.describe(about | {"begun_from": begun_from})
             self._keep_past()
-        if self.states is None:
-            key, has_ends = jax.random.fold_in(start, self.iteration), self.env.base.horizon is not None
-            self.states = self.worlds.reset(key, stagger=has_ends)
+        if self.memory is None:
             self.memory = self._fresh_memory()
         # Where the program leaves them, or its second run would compile it again.
         shards = self.worlds.shards
         self.learner = shards.replicate(self.learner)
         self.memory = shards.put(jax.tree.map(np.asarray, self.memory))
         self._iterate = compile_iteration(self.worlds, self.network, self.config)
+
+    @cached_property
+    def states(self) -> Any:
+        """All worlds as they are now; without a save they are drawn when they are first needed, which compiles."""
+        key = jax.random.fold_in(self._start, self.iteration)
+        return self.worlds.reset(key, stagger=self.env.base.horizon is not None)
 
     @property
     def policy(self) -> Policy:
@@ -147,12 +154,9 @@ class Trainer:
         on_iteration: Callable[[Progress], Any] | None = None,
     ) -> Run:
         """Trains until the minutes or the steps are over, and saves; the arguments are those of `train`."""
-        if minutes is not None:
-            check_value("minutes", minutes, Positive)
-        if steps is not None:
-            check_count("steps", steps, minimum=1, maximum=LONG)
-        if minutes is None and steps is None and on_iteration is None:
-            raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
+        check_end(minutes, steps, on_iteration)
+        if steps is None or self.steps < steps:
+            jax.block_until_ready(self.states)  # drawn before the clock starts
         progress, over, begun, drawn = None, False, self.seconds, 0.0
         saved = self._since = time.perf_counter()
         try:
@@ -263,6 +267,20 @@ class Trainer:
         for steps, file in self.folder.past():
             if steps <= self.steps:
                 self.league.add(Policy.load(file).params)
+
+
+def check_end(minutes: Any, steps: Any, on_iteration: Any) -> None:
+    """Refuses a training that would never end; the arguments are those of `train`.
+
+    Raises:
+        ValueError: a number out of its range, or none of the three.
+    """
+    if minutes is not None:
+        check_value("minutes", minutes, Positive)
+    if steps is not None:
+        check_count("steps", steps, minimum=1, maximum=LONG)
+    if minutes is None and steps is None and on_iteration is None:
+        raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
 
 
 def _counts(steps: int, seconds: float) -> dict[str, np.ndarray]:

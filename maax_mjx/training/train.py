@@ -11,7 +11,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
 from maax_mjx.training.policy import Policy
-from maax_mjx.training.run import Progress, Run, Trainer
+from maax_mjx.training.run import Progress, Run, Trainer, check_end
 
 
 def train(
@@ -67,9 +67,12 @@ def train(
         FloatingPointError: ten updates in a row that were not finite; the last good save stays.
         MemoryError: more worlds than fit.
     """
-    given = (game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer)
-    if not check_bool("bar", bar):
-        return Trainer(*given, **overrides).run(minutes, steps, on_iteration)
+    check_bool("bar", bar)
+    check_end(minutes, steps, on_iteration)
+    trainer = Trainer(
+        game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
+    )  # fmt: skip
+    if not bar:
+        return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:
-        trainer = Trainer(*given, **overrides)
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))

@@ -132,14 +132,22 @@ class Wrapper(Environment):
         """Returns the state with this wrapper's memory replaced.
 
         Raises:
-            ValueError: the wrapper has no name.
+            ValueError: the wrapper has no name, or its memory had other shapes or types before.
         """
+        mine = type(self).__name__
         if not self.name:
-            mine = type(self).__name__
             raise ValueError(
                 f"remember: {mine} has no name, under which its memory is kept; takes a text of its own, in the class: "
                 f"name = {mine.lower()!r}"
             )
+        if self.name in state.mechanics:
+            was, now = _forms(state.mechanics[self.name]), _forms(memory)
+            for at in dict.fromkeys((*was, *now)):
+                if was.get(at) != now.get(at):
+                    raise ValueError(
+                        f"remember: got {now.get(at, 'nothing')} as the memory{at} of {mine}, which was "
+                        f"{was.get(at, 'not there')} before; takes the same shapes and types at every step"
+                    )
         return state.replace(mechanics=state.mechanics | {self.name: memory})
 
     def playing(self, state: State) -> jax.Array:
@@ -274,3 +282,8 @@ def find(env: Environment, kind: type[W]) -> W | None:
 def find_all(env: Environment, kind: type[W]) -> list[W]:
     """Returns all wrappers of a kind, the outermost first."""
     return [layer for layer in env.layers if isinstance(layer, kind)]
+
+
+def _forms(memory: Any) -> dict[str, str]:
+    """Types and shapes of a memory's arrays, by their places in it."""
+    return {jax.tree_util.keystr(at): array_words(jnp.asarray(x)) for at, x in jax.tree.leaves_with_path(memory)}

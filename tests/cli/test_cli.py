@@ -16,6 +16,7 @@ from PIL import Image
 
 import maax_mjx as maax
 from maax_mjx import training
+from maax_mjx.benchmarks import BENCHMARKS
 from maax_mjx.cli import main, saved
 from maax_mjx.cli.options import split_overrides, value_of
 from maax_mjx.cli.saved import load
@@ -169,6 +170,9 @@ def test_replay(played, kind, capsys):
         (["worlds", "--out", "/"], "out: got /, which is a folder"),
         (["bench", "layouts", "--worlds", "0"], "worlds: got (0,); takes"),
         (["bench", "layouts", "--out", "."], "out: got ., which is a folder"),
+        (["info", "quadrant/fort"], "did you mean 'quadrant/forts'"),
+        (["play", "tag", "--policy", "shelter"], "shelter: got a game without ShelterReward"),
+        (["replay", __file__], "which is no saved rollout, or damaged (no .npz); takes"),
     ],
 )
 def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch, capsys):
@@ -178,8 +182,16 @@ def test_a_mistake_exits_with_2_and_names_it(argv, named, tmp_path, monkeypatch,
     assert exited.value.code == 2
     told = capsys.readouterr().err
     assert named in told
+    assert "compiling" not in told
     assert "Traceback" not in told
     assert "╭" not in told
+
+
+def test_the_list_of_benchmarks_is_aligned(capsys):
+    main(["bench"])
+    lines = capsys.readouterr().out.partition("NAME:\n")[2].splitlines()
+    assert {line.split()[0] for line in lines} == set(BENCHMARKS)
+    assert len({line.index(line.split(maxsplit=1)[1]) for line in lines}) == 1
 
 
 @pytest.mark.parametrize(

@@ -61,12 +61,55 @@ def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, m
     for words, said in (
         (["train", "tagg"], "got 'tagg'; did you mean 'tag'"),
         (["train", "runs/tag", "--env.n_boxes", "2", "--steps", "64"], "takes it with a new run"),
-        (["train", "tag", "--preset", "laptop", "--out", "runs/tag", "--steps", "64"], "which has a run with"),
+        (
+            ["train", "tag", "--preset", "laptop", "--out", "runs/tag", "--steps", "640"],
+            "env.horizon=8, not its default; takes that run's, or another folder (--out)",
+        ),
         (["train", "tag", "--ppo.lr", "-1"], "ppo.lr: got -1"),
+        (["train", "tag", "--from", "runs/none"], "from: got runs/none, which is not there"),
+        (
+            ["train", "tag", *SMALL, "--out", "runs/new", "--from", "tag/trained"],
+            "net.encoder=pool, not flat; net.width=128, not 32; net.hidden=256, not 8; net.share=all, not team; takes",
+        ),
         (["rollout", "hide_and_seek", "--policy", "runs/tag"], "takes one of the same game"),
+        (["rollout", "tag", "--policy", "chasse"], "did you mean 'chase'?"),
+        (["rollout", "standard", "--policy", "close_door"], "close_door: got a game without boxes that can be grabbed"),
         (["evaluate", "runs/tag", "--against", "runs/none"], "runs/none"),
     ):
         with pytest.raises(SystemExit) as error:
             main(words)
         assert error.value.code == 2
-        assert said in capsys.readouterr().err, words
+        told = capsys.readouterr().err
+        assert said in told, words
+        assert "compiling" not in told, words
+    assert not (tmp_path / "runs" / "new").exists()
+
+
+def test_a_run_that_has_its_steps_says_so(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["tag", *SMALL, *GAME, "--steps", "16", "--out", "run"]
+    printed(capsys, "train", *words)
+    main(["train", *words])
+    told = capsys.readouterr()
+    assert "the run has 16 steps already, and --steps counts all of them" in told.err
+    assert "compiling" not in told.err
+    assert "16" in told.out
+
+
+def test_a_rollout_takes_scripted_players_and_a_runs_past(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    short = ["--worlds", "2", "--steps", "4", "--impl", "c"]
+    still = printed(capsys, "rollout", "tag", *GAME, *short, "--policy", "still")
+    assert still["policy"] == "still"
+    printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "16", "--out", "run")
+    assert printed(capsys, "rollout", "tag", *short, "--policy", "run@0")["policy"] == "run@0"
+
+
+def test_an_evaluation_says_what_it_plays(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "16", "--out", "run")
+    main(["evaluate", "run", "--against", "still", "random", "--episodes", "2", "--impl", "c"])
+    told = capsys.readouterr()
+    assert "players against still: 0/2 match" in told.err
+    assert "players against random: 1/2 match" in told.err
+    assert told.out.startswith("team ")

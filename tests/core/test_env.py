@@ -78,9 +78,9 @@ class Broken(Base):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ("dtype", "step changed a shape or dtype"),
+        ("dtype", r"step changed a shape or dtype .*: state\.reward was float32\[2\] and is int32\[2\]"),
         ("tree", "step changed the tree"),
-        ("shape", "step changed a shape or dtype"),
+        ("shape", r"state\.reward was float32\[2\] and is float32\[1\]"),
         ("nan", "not finite"),
         ("space", "step changed a shape or dtype"),
         ("step", r"state\.step is 0"),

@@ -394,10 +394,10 @@ def test_commands_refuse_in_a_sentence(file, capsys):
         (["rollout", "hide_and_seek_full", "--policy", path], "one of hide_and_seek_quadrant, to play hide"),
         (["rollout", "tag", "--policy", path], "takes one of the same game"),
         (["rollout", "hide_and_seek_quadrant", "--policy", "broken.npz"], "policy: got broken.npz, which is no .npz"),
-        (["rollout", "hide_and_seek_quadrant", "--policy", "none.npz"], "policy: got none.npz, which is not there"),
+        (["rollout", "hide_and_seek_quadrant", "--policy", "none.npz"], "policy: got 'none.npz', and nothing is there"),
         (["evaluate", "none.npz"], "got 'none.npz', and nothing is there"),
         (["evaluate", path, "--env.n_bins", "5"], "policy: it decides"),
-        (["train", "hide_and_seek_quadrant", "--from", path, "--steps", "8"], "begin_from: got <OpenAIPolicy"),
+        (["train", "hide_and_seek_quadrant", "--from", path, "--steps", "8"], "from: got <OpenAIPolicy"),
     ):
         with pytest.raises(SystemExit) as error:
             main(words)

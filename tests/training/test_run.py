@@ -54,6 +54,13 @@ def trainer(folder, impl="c", **changed):
     return training.Trainer(echo(impl), folder, "laptop", N, **(SMALL | changed))
 
 
+class Luck(maax.ObservationWrapper):
+    """Observes what it does not declare."""
+
+    def observation(self, state):
+        return state.obs | {"luck": state.reward[:, None]}
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A run of six iterations."""
@@ -119,6 +126,7 @@ def test_a_saved_run_goes_on_bit_for_bit_on_jax(tmp_path):
     def save_half(now):
         if now.iteration == FEW // 2:
             whole.save()
+            whole.folder.draw(finished=True)  # no file comes and goes while they are copied
             shutil.copytree(whole.folder.path, tmp_path / "cut")
 
     whole = trainer(tmp_path / "whole", "jax", **PLAIN)
@@ -156,23 +164,32 @@ def test_what_was_learnt_travels_without_its_worlds(run, tmp_path):
 
 def test_other_runs_are_refused(run, tmp_path):
     folder = run[1].folder
-    with pytest.raises(ValueError, match=r"folder: got .* which has a run with net=.*takes that run's, or another"):
+    with pytest.raises(ValueError, match=r"folder: .* has a run with net\.core=gru, not lstm; takes that run's, or"):
         trainer(folder, **{"net.core": "lstm"})
     with pytest.raises(ValueError, match=r"folder: got .* which has a run with seed=0, not 1"):
         training.Trainer(echo(), folder, "laptop", N, seed=1, **SMALL)
+    with pytest.raises(ValueError, match=r"folder: got .* which has a run with game=one's own, not tag; takes that"):
+        training.Trainer("tag", folder, "laptop", N, **SMALL)
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(ValueError, match="which has other files; takes an empty one, a new one, or a run's"):
         trainer(tmp_path)
     with pytest.raises(ValueError, match=r"ppo.minibatches: got 3 .*divides the 16 chunks"):
         trainer(tmp_path / "a", **{"ppo.minibatches": 3})
     with pytest.raises(ValueError, match=r"preset: got 'laptob'.*laptop"):
-        training.train(echo(), tmp_path / "b", "laptob")
+        training.train(echo(), tmp_path / "b", "laptob", steps=8)
     with pytest.raises(ValueError, match="minutes: got None and no steps; takes one of them"):
         run[0].run()
+    with pytest.raises(ValueError, match="minutes: got None and no steps; takes one of them"):
+        training.train("tag", tmp_path / "b", "laptop")
+    assert not (tmp_path / "b").exists(), "a refusal leaves nothing behind"
     with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment; takes fields only with a name"):
         training.Trainer(echo(), tmp_path / "c", env={"n_boxes": 2})
     with pytest.raises(ValueError, match="which belongs to no agent; takes an environment whose agents observe"):
         training.Trainer(maax.make("standard", impl="c"), tmp_path / "d", "laptop")
+    with pytest.raises(
+        ValueError, match=r"train: 'luck' is observed and not declared; say whose it is, in Luck: def decl"
+    ):
+        training.Trainer(Luck(echo()), tmp_path / "e", "laptop", N, **SMALL)
 
 
 def test_policies_play_wherever_policies_are_taken(run, tmp_path):
@@ -199,6 +216,8 @@ def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
     policy = run[1].policy
     with pytest.raises(ValueError, match=r"policy: it reads 8 columns \(x, .*, and env has 10 columns \(ahead"):
         policy.on(maax.make("tag", impl="c", observations="ego"))
+    with pytest.raises(ValueError, match=r"same columns; policy.make_env\(\) makes its own, tag"):
+        training.Policy.load("tag/trained").on(maax.make("tag", impl="c", observations="flat"))
     with pytest.raises(ValueError, match="make_env: got a policy of an environment of one's own"):
         policy.make_env()
     (tmp_path / "noise").write_bytes(b"noise")

@@ -165,7 +165,7 @@ def test_a_run_begins_with_a_policy_of_another_game(tmp_path):
         return training.Trainer("lock_and_return", tmp_path / folder, "laptop", 4, **asked)
 
     given = untrained()
-    with pytest.raises(ValueError, match="takes an environment with the same columns"):
+    with pytest.raises(ValueError, match=r"with the same columns, or transfer=True \(--transfer\)"):
         trainer("a", given, transfer=False)
     run = trainer("b", given)
     was, now = given.params.actor[GROUP]["hidden"], run.learner.weights.actor[GROUP]["hidden"]

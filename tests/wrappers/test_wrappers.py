@@ -326,3 +326,26 @@ def test_ones_own_wrapper(touching):
     active = np.asarray(state.world.active["agent"])
     state = env.step(state, {"move": jnp.zeros((5, 3))})
     equal(np.abs(state.reward), 0.5 * active)
+
+
+@pytest.mark.parametrize(
+    ("later", "message"),
+    [
+        (jnp.zeros(4), r"got float32\[4\] as the memory of Forgetful, which was float32\[3\] before; takes the same"),
+        (jnp.zeros(3, jnp.int32), r"got int32\[3\] as the memory of Forgetful, which was float32\[3\] before"),
+        ({"a": jnp.zeros(3)}, r"got nothing as the memory of Forgetful, which was float32\[3\] before"),
+    ],
+)
+def test_a_memory_that_changes_its_form_is_refused_by_name(base, later, message):
+    class Forgetful(maax.Wrapper):
+        name = "forgetful"
+
+        def begin(self, key, params):
+            return self.remember(self.env.begin(key, params), jnp.zeros(3))
+
+        def transition(self, state, action):
+            return self.remember(self.env.advance(state, action), later)
+
+    env = Forgetful(base)
+    with pytest.raises(ValueError, match=message):
+        jax.eval_shape(env.step, env.state_shape, env.sample_action(seeds.key(0)))
