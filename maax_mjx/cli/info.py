@@ -25,6 +25,7 @@ from maax_mjx.parallel.recording import read
 from maax_mjx.physics import best_impl, check_impl, impls
 from maax_mjx.tasks import check_game
 from maax_mjx.tasks.published import as_published
+from maax_mjx.training.config import PRESETS
 from maax_mjx.training.evaluate import player_of
 from maax_mjx.training.shipped import file_of, policies
 from maax_mjx.viewer.gl import backends
@@ -46,11 +47,12 @@ PACKAGES = (
 
 @dataclass
 class Info:
-    """Shows what is installed, an environment's config, teams and spaces, a policy, or what went wrong in a world."""
+    """Shows what is installed, or all about an environment, a policy, a preset of training, or a fault."""
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
     """A game's name, or one in a file, my_game.py:football;
     or a policy: its name, quadrant/forts, its file or the folder of its run;
+    or a preset of `maax-mjx train`: gpu, laptop or baker;
     or a file of keep_faults, whose last step is made again. Without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
@@ -74,6 +76,10 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
                 f"env: got {sorted(overrides)} for {args.env}; a policy is of its own game, without other fields"
             )
         result = of_policy(args.env)
+    elif args.env in PRESETS:
+        if overrides:
+            raise ValueError(f"env: got {sorted(overrides)} for the preset {args.env}; takes them for a game")
+        result = of_preset(args.env)
     else:
         result = of_env(args.env, overrides) if args.env else of_installation()
     report(result, args.json, "\n".join(_lines(result)))
@@ -116,7 +122,7 @@ def check_named(word: str) -> None:
     Raises:
         ValueError: another word; the message suggests the nearest environments or policies.
     """
-    if is_of_faults(word) or is_of_policy(word):
+    if is_of_faults(word) or is_of_policy(word) or word in PRESETS:
         return
     # Names of policies have a slash, as paths have.
     if "/" in word and not is_game(word) and not word.endswith(".py"):
@@ -148,6 +154,23 @@ def of_policy(word: str) -> dict[str, Any]:
         "env steps": f"{policy.steps:,}",
         "parameters": f"{sum(np.size(x) for x in jax.tree.leaves(policy.params)):,}",
         "networks": asdict(network.net),
+    }
+
+
+def of_preset(name: str) -> dict[str, Any]:
+    """Collects the settings of a preset of training, by the names that options and overrides have, and what they mean.
+
+    Args:
+        name: its name.
+    """
+    config = PRESETS[name]
+    settings = _fields(config)
+    settings |= {f"env.{field}": value for field, value in settings.pop("env").items()}
+    kinds = (type(part) for part in (config, config.ppo, config.net, config.league))
+    return {
+        "preset": name,
+        "settings": settings,
+        "about": "\n\n".join(inspect.cleandoc(kind.__doc__ or "") for kind in kinds),
     }
 
 

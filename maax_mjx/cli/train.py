@@ -37,14 +37,15 @@ class Train:
     """Trains agents of all teams of a game against each other (PPO), and writes everything to a folder.
 
     The same command goes on where the run was; so does `maax-mjx train FOLDER`. Fields of the game's config are set as
-    in --env.n_boxes 2, settings of the training as in --ppo.lr 3e-4 --net.core gru --league.share 0.1. In the folder:
-    run.json, metrics.jsonl, curves.png, the newest policy, past ones, saves, and replay.html (with the extra "viewer").
+    in --env.n_boxes 2, settings of the training as in --ppo.lr 3e-4 --net.core gru --league.share 0.1; `maax-mjx info
+    GAME` and `maax-mjx info PRESET` list them. In the folder: run.json, metrics.jsonl, curves.png, the newest policy,
+    past ones, saves, and replay.html (with the extra "viewer").
     """
 
     game: tyro.conf.Positional[str]
     """Name of a game, one in a file of your own, my_game.py:football, or the folder of a run to go on with."""
     preset: names(training.PRESETS) | None = None  # type: ignore[valid-type]
-    """Settings to start from; by default "laptop" on a CPU and "gpu" elsewhere."""
+    """Settings to start from, which `maax-mjx info PRESET` lists; by default "laptop" on a CPU and "gpu" elsewhere."""
     worlds: PositiveCount | None = None
     """Number of worlds on all devices together; by default the preset's."""
     minutes: Positive | None = None

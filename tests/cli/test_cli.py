@@ -330,6 +330,20 @@ def test_info_of_a_policy(capsys):
     assert "a policy is of its own game" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", training.PRESETS)
+def test_info_lists_settings_that_options_take(name, capsys):
+    main(["info", name, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    settings = {key: value for key, value in found["settings"].items() if not key.startswith("env.")}
+    assert training.preset("baker", settings | {"save_minutes": 7.0}).ppo == training.preset(name).ppo
+    assert found["settings"]["env.observe"] == "all"
+    for setting in settings:
+        assert f" {setting.rpartition('.')[2]}" in found["about"], "it is explained"
+    with pytest.raises(SystemExit):
+        main(["info", name, "--env.n_boxes", "3"])
+    assert f"for the preset {name}; takes them for a game" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["rollout", "worlds", "replay", "info"])
 def test_help_shows_defaults(command, capsys):
     with pytest.raises(SystemExit) as exited:
