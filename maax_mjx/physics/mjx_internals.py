@@ -165,8 +165,8 @@ def add_to_connects(d: mjx.Data, connects: np.ndarray, accelerations: jax.Array)
 def contact_distances(d: mjx.Data) -> jax.Array:
     """Reads the distances (n_contacts,) of the contact points that MJX's JAX data keeps, negative in contact.
 
-    Field `contact`, seen in MJX 3.17.0, of as many points of each dimension as numeric `max_contact_points` at most, the
-    deepest.
+    Field `contact`, seen in MJX 3.17.0, of as many points of each dimension as numeric `max_contact_points` at most,
+    the deepest.
     """
     return d._impl.contact.dist
 
