@@ -89,9 +89,10 @@ def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
             f"n: got {args.n} for each of {len(args.placement)} placements; takes up to {MOST} worlds in one picture"
         )
     check_out(args.out, KINDS)
+    games = list(_games(args, overrides))
     make_folder(args.out.parent)
     drawn, blamed = [], []
-    for placement, env in _games(args, overrides):
+    for placement, env in games:
         states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
         drawn += [(env, world_of(states, i), placement) for i in range(args.n)]
         if why := blame(env.base, *jax.device_get((states.world.valid, states.params))):

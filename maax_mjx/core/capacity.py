@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from math import ceil
 
-from maax_mjx.core.places import check_anchors, check_places
+from maax_mjx.core.places import check_anchors, check_places, check_rooms, check_separation
 from maax_mjx.layout.grid import JAMMING, footprint_of
 from maax_mjx.modules import Agents, Entities, Module, Placed
 
@@ -71,6 +71,8 @@ def check_module(
     check_room(modules, grid_size, floor_sizes[0])
     if isinstance(module, Placed):
         check_anchors(module, before)
+        check_rooms(module, before)
+        check_separation(module, before, floor_sizes[1])
         check_places(module, before, grid_size, floor_sizes)
 
 

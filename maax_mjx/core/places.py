@@ -9,8 +9,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from maax_mjx.layout.grid import footprint_of
-from maax_mjx.layout.placement import anchors_of, name_of, region_of
-from maax_mjx.modules import Module, Placed
+from maax_mjx.layout.placement import anchors_of, name_of, region_of, rooms_of, separation_of
+from maax_mjx.modules import Module, Placed, WallScenarios
 
 ROUNDING = 1e-5
 """Share of a cell's edge, to either side of which places are looked for: worlds compute them in float32."""
@@ -31,6 +31,45 @@ def check_anchors(module: Placed, before: Sequence[Module]) -> None:
             raise ValueError(
                 f"placement_fn: got {name_of(fn)} for {name}, and no {min(missing)!r} is placed before it; takes one "
                 f"of {[*placed, *module.names[:i]]}"
+            )
+
+
+def check_rooms(module: Placed, before: Sequence[Module]) -> None:
+    """Refuses a placement in a room that no world has.
+
+    Raises:
+        ValueError: such a placement; the message names it and how many rooms there are.
+    """
+    walls = [other for other in before if isinstance(other, WallScenarios)]
+    if not walls and not all(isinstance(other, Placed) for other in before):
+        return  # A module of the user's, which may draw rooms.
+    most = max((other.max_rooms for other in walls), default=0)
+    for name, fn in zip(module.names, module.placement_fns, strict=True):
+        if rooms_of(fn) > most:
+            raise ValueError(
+                f"placement_fn: got {name_of(fn)} for {name}; worlds of this environment have {most} rooms at most"
+            )
+
+
+def check_separation(module: Placed, before: Sequence[Module], floor_size: float) -> None:
+    """Refuses a placement that is further from what stands there always than the floor is wide.
+
+    Args:
+        module: the module to add.
+        before: the modules that were added before it.
+        floor_size: largest edge of the floor in metres.
+
+    Raises:
+        ValueError: such a placement; the message names it.
+    """
+    widest = np.sqrt(2) * floor_size
+    there = any(least for other in before if isinstance(other, Placed) for least, _ in other.counts.values())
+    always = np.concatenate([np.arange(most) < least for least, most in module.counts.values()])
+    for i, (name, fn) in enumerate(zip(module.names, module.placement_fns, strict=True)):
+        if separation_of(fn) > widest and (there or always[:i].any()):
+            raise ValueError(
+                f"placement_fn: got {name_of(fn)} for {name}, and the floor's corners are {widest:.3g} m from each "
+                "other; takes less"
             )
 
 

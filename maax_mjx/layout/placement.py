@@ -41,11 +41,23 @@ def anchors_of(*fns: PlacementFn) -> frozenset[str]:
     return frozenset().union(*(getattr(fn, "anchors", ()) for fn in fns))
 
 
+def separation_of(fn: PlacementFn) -> float:
+    """Metres that a placement function keeps from all that was placed before; 0 if it keeps none."""
+    return getattr(fn, "separation", 0.0)
+
+
+def rooms_of(fn: PlacementFn) -> int:
+    """How many rooms a world needs for a placement function to read."""
+    return getattr(fn, "rooms", 0)
+
+
 def name_of(fn: PlacementFn) -> str:
     """A placement function's name, for messages."""
     return getattr(fn, "__name__", type(fn).__name__)
 
 
+FAR = 1e6
+"""Cells that are off any floor."""
 P = ParamSpec("P")
 
 
@@ -136,7 +148,7 @@ def at_placement(x: float, y: float) -> PlacementFn:
     point = np.array([check_positive("x", x), check_positive("y", y)], np.float32)
 
     def region(grid_size: int, cell: jax.Array, cells: jax.Array) -> Rect:
-        corner = (point / cell - cells / 2).round().astype(np.int32)
+        corner = (point / cell - cells / 2).round().clip(-FAR, FAR).astype(np.int32)
         return corner, corner + cells
 
     return _within_region(f"at_placement({x:g}, {y:g})", region)
@@ -184,7 +196,7 @@ def separation_placement(radius: float) -> PlacementFn:
     """A placement at least `radius` metres from all that was placed before, centre to centre (thesis 4.3.3).
 
     Raises:
-        ValueError: a radius that is not positive.
+        ValueError: a radius that is not positive; with `Base`, one that is too large for its floor.
     """
     radius = check_positive("radius", radius)
 
@@ -193,6 +205,7 @@ def separation_placement(radius: float) -> PlacementFn:
         far = _distances(layout, objects[:, :2]) >= radius + ROUNDING
         return (far | (objects[:, 2] == 0)).all(axis=-1)
 
+    placement.separation = radius  # type: ignore[attr-defined]
     placement.__name__ = f"separation_placement({radius:g})"
     return placement
 
@@ -298,7 +311,7 @@ def room_placement(index: int) -> PlacementFn:
     """A placement inside rectangular room `index` of the room plan; anywhere in a world that does not have it.
 
     Raises:
-        ValueError: a negative index, or where it is used, one that no world of the environment has.
+        ValueError: a negative index; with `Base`, one that no world of the environment has.
     """
     check_count("index", index)
 
@@ -308,6 +321,7 @@ def room_placement(index: int) -> PlacementFn:
             raise ValueError(f"room_placement: got room {index}; worlds of this environment have {plan.rooms.shape[0]}")
         return _or_anywhere(within(layout.grid.size, cells, plan.rooms[index]), plan.room_mask[index])
 
+    placement.rooms = index + 1  # type: ignore[attr-defined]
     placement.__name__ = f"room_placement({index})"
     return placement
 
@@ -338,6 +352,7 @@ def all_of(*fns: PlacementFn) -> PlacementFn:
         ValueError: no functions.
     """
     placement = _combined("all_of", fns, lambda a, b: a * b)
+    placement.separation = max(map(separation_of, fns))  # type: ignore[attr-defined]
     placement.inside_quadrant = any(getattr(fn, "inside_quadrant", False) for fn in fns)  # type: ignore[attr-defined]
     regions = [region for fn in fns if (region := region_of(fn)) is not None]
     if regions:
@@ -368,6 +383,7 @@ def _combined(name: str, fns: tuple[PlacementFn, ...], combine: Callable) -> Pla
         return reduce(combine, [fn(layout, cells) for fn in fns])
 
     placement.anchors = anchors_of(*fns)  # type: ignore[attr-defined]
+    placement.rooms = max(map(rooms_of, fns))  # type: ignore[attr-defined]
     placement.__name__ = f"{name}({', '.join(map(name_of, fns))})"
     needs_quadrant = any(getattr(fn, "requires_quadrant", False) for fn in fns)
     return requires_quadrant(placement) if needs_quadrant else placement

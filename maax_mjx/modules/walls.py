@@ -115,7 +115,7 @@ class WallScenarios(Module):
                 f"outer={outer!r}, as there are no outer walls"
             )
         self.n_inner = max(scenario.n_walls for scenario in self._drawn)
-        self._max_rooms = max(scenario.n_rooms for scenario in self._drawn)
+        self.max_rooms = max(scenario.n_rooms for scenario in self._drawn)
         self.n_outer = 4 if outer == "walls" else 0
         self.n_walls = self.n_outer + 2 * self.n_inner
         height = INNER_HEIGHT if low else check_positive("outer_height", outer_height)
@@ -281,7 +281,7 @@ class WallScenarios(Module):
     ) -> Rooms:
         draw_key, door_key, drop_key = jax.random.split(key, 3)
         drawn = [
-            scenario.draw(draw_key, count_key, grid_size, params).padded(self.n_inner, self._max_rooms)
+            scenario.draw(draw_key, count_key, grid_size, params).padded(self.n_inner, self.max_rooms)
             for scenario in self._drawn
         ]
         rooms = jax.tree.map(lambda *x: jnp.stack(x)[which], *drawn)

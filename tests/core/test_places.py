@@ -72,6 +72,7 @@ NO_PLACE = "for {}, which has no place in any world"
         ([maax.Boxes((1, 2), CENTRE), maax.Agents(1)], {}, NO_PLACE.format("box1")),
         ([maax.Agents(1, CENTRE)], {"scenario": "quad"}, "got centre_placement " + NO_PLACE.format("agent0")),
         ([maax.Agents(1, maax.at_placement(7, 3))], {}, "got at_placement(7, 3) " + NO_PLACE.format("agent0")),
+        ([maax.Agents(1, maax.at_placement(1e30, 3))], {}, "got at_placement(1e+30, 3) " + NO_PLACE.format("agent0")),
         ([maax.Agents(1, maax.at_placement(9, 3))], {"floor_size": (6.0, 8.0)}, NO_PLACE.format("agent0")),
         ([maax.Boxes(1, maax.middle_placement(0.05))], {}, NO_PLACE.format("box0")),
         ([maax.Agents(1, maax.all_of(CENTRE, UNIFORM))], {"scenario": "quad"}, NO_PLACE.format("agent0")),
@@ -83,6 +84,13 @@ NO_PLACE = "for {}, which has no place in any world"
         ),
         ([maax.Agents(1, maax.proximity_placement(1.0, "box0")), maax.Boxes(1)], {}, "no 'box0' is placed before it"),
         ([maax.Agents(2, maax.proximity_placement(1.0, "agent1"))], {}, "for agent0, and no 'agent1' is placed"),
+        ([maax.Boxes(2, maax.separation_placement(9.0)), maax.Agents(1)], {}, "for box1, and the floor's corners are 8.49"),
+        ([maax.Boxes(1), maax.Agents(1, maax.all_of(UNIFORM, maax.separation_placement(9.0)))], {}, "corners are 8.49 m"),
+        (
+            [maax.Agents(1, maax.any_of(UNIFORM, maax.room_placement(2)))],
+            {"scenario": ("half", "empty")},
+            "room_placement(2)) for agent0; worlds of this environment have 2 rooms at most",
+        ),
         (
             [maax.Agents(1, maax.all_of(UNIFORM, maax.any_of(maax.proximity_placement(1.0, "x"), UNIFORM)))],
             {},
@@ -91,7 +99,7 @@ NO_PLACE = "for {}, which has no place in any world"
     ],
 )
 def test_what_can_never_be_placed_is_refused(modules, options, message):
-    with pytest.raises(ValueError) as error:  # noqa: PT011
+    with warnings.catch_warnings(action="error"), pytest.raises(ValueError) as error:  # noqa: PT011
         compose(*modules, **options)
     assert message in str(error.value)
 
@@ -114,6 +122,10 @@ def test_a_placement_of_other_arguments_is_refused():
         ([maax.Boxes(1, CENTRE, box_size=(0.1, 7.0)), maax.Agents(1, CENTRE)], {"floor_size": 16.0}),
         ([maax.Agents(2, maax.proximity_placement(1.0, "agent0"))], {}),
         ([maax.Agents(1, maax.all_of(CENTRE, maax.middle_placement(0.5)))], {}),
+        ([maax.Boxes((0, 1)), maax.Agents(1, maax.separation_placement(9.0))], {}),
+        ([maax.Boxes(2, maax.separation_placement(9.0)), maax.Agents(1)], {"floor_size": (6.0, 8.0)}),
+        ([maax.Agents(1, maax.any_of(UNIFORM, maax.separation_placement(9.0)))], {}),
+        ([maax.Agents(1, maax.room_placement(1))], {"scenario": ("half", "empty")}),
     ],
 )
 def test_what_some_worlds_have_a_place_for_is_accepted(modules, options):
@@ -138,7 +150,7 @@ def test_the_share_of_invalid_layouts_and_the_placement_to_blame_are_said_once()
 
 
 def test_layouts_that_are_all_invalid_are_refused():
-    worlds = maax.Worlds(compose(maax.Agents(2, maax.separation_placement(9.0))), 4)
+    worlds = maax.Worlds(compose(maax.Agents(2, maax.separation_placement(8.4))), 4)
     with pytest.raises(ValueError, match=r"none of 204 layouts is valid; no place was found for agent1 \(separa"):
         worlds.reset(seeds.key(24))
 

@@ -97,7 +97,7 @@ class LockAllConfig(TransferConfig):
     lidar: LidarConfig | None = None
     task: LockTaskConfig = LockTaskConfig(unlock=7.0, shaped=0.25)
 
-    def published(self) -> LockAllConfig:
+    def completed(self) -> LockAllConfig:
         """The same with what was published in place of None."""
         n_ramps = check_count_range("n_ramps", self.n_ramps)[1]
         found: dict[str, dict[str, Any]] = {
@@ -127,7 +127,7 @@ def lock_all(config: LockAllConfig) -> Environment:
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
-    return lock_task(config.published())
+    return lock_task(config.completed())
 
 
 def lock_task(config: LockAndReturnConfig | SequentialLockConfig | LockAllConfig) -> Environment:
