@@ -28,6 +28,7 @@ from maax_mjx.wrappers import (
     MaskUnseenAction,
 )
 from maax_mjx.wrappers.food import EAT, FOOD_REW_TYPES
+from maax_mjx.wrappers.senses import BETWEEN
 from maax_mjx.wrappers.teams import HIDERS
 
 MIDDLE = 0.25
@@ -46,7 +47,7 @@ class FoodConfig(Config):
         together_radius: metres from the first piece of a group to the others, on each axis, see
             `published_proximity_placement`; None places all like the first.
         when_caught: whether hiders can eat while a seeker sees one of them, too.
-        radius, max_health, respawn_steps, rew_type, scale: see `EatFood`.
+        radius, max_health, respawn_steps, rew_type, scale, between: see `EatFood`.
     """
 
     n_food: PositiveCount = 4
@@ -59,6 +60,7 @@ class FoodConfig(Config):
     respawn_steps: PositiveCount | None = 5
     rew_type: Annotated[str, OneOf(FOOD_REW_TYPES)] = "team_mean"
     scale: NonNegativeRange = 1.0
+    between: Annotated[str, OneOf(BETWEEN)] = "centres"
 
 
 def food_of(config: FoodConfig, cell: float) -> Food:
@@ -98,7 +100,10 @@ def _first_piece(layout: Layout, cells: jax.Array) -> jax.Array:
 
 def with_food(env: Environment, config: FoodConfig) -> Environment:
     """Lets hiders eat what they see, by the published rules."""
-    env = EatFood(env, config.radius, config.max_health, config.respawn_steps, config.rew_type, config.scale)
+    env = EatFood(
+        env, config.radius, config.max_health, config.respawn_steps, config.rew_type, config.scale,
+        between=config.between,
+    )  # fmt: skip
     env = MaskPreparationAction(MaskActions(env, EAT, (f"sees_{Food.kind}",)), EAT)
     if not config.when_caught:
         env = MaskUnseenAction(env, EAT)

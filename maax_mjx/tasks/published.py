@@ -23,6 +23,7 @@ WORLD: dict[str, Any] = {
 }
 PARTS: dict[str, dict[str, Any]] = {
     "lidar": {"capped": False},
+    "food": {"between": "corners"},
     "lock": {"method": "joint_range", "soft": True},
     "grab": {"soft": True},
     "world_params": {"iterations": ITERATIONS},

@@ -20,6 +20,7 @@ from maax_mjx.core.state import State
 from maax_mjx.modules import Food
 from maax_mjx.wrappers.handled import check_new_action
 from maax_mjx.wrappers.preparation import PreparationPhase
+from maax_mjx.wrappers.senses import BETWEEN
 from maax_mjx.wrappers.teams import TeamMembership
 from maax_mjx.wrappers.wrapper import ActionWrapper, Wrapper
 
@@ -56,13 +57,14 @@ class EatFood(Wrapper):
 
     Args:
         env: environment to wrap, with `Food`.
-        radius: metres from an agent's centre to the middle of a piece.
+        radius: metres from an agent to the middle of a piece.
         max_health: units that a piece has at first, and when it comes back.
         respawn_steps: for how many steps an empty piece is away; None never brings it back.
         rew_type: "selfish" (what one ate) or "team_mean" (the mean of one's team; needs `TeamMembership`).
         scale: reward for a unit, or (low, high), of which every episode draws one.
         split: whether those who eat of one piece share a unit, instead of eating one each.
         observe_scale: whether the observation `food_scale` (1,) tells the reward for a unit.
+        between: whether `radius` is measured from agents' "centres", or from their lower "corners", as published.
 
     Raises:
         ValueError: no food in the environment, a number out of its range, or a missing wrapper.
@@ -81,6 +83,7 @@ class EatFood(Wrapper):
         scale: float | tuple[float, float] = 1.0,
         split: bool = False,
         observe_scale: bool = False,
+        between: str = "centres",
     ):
         super().__init__(env)
         self.food = self.module_of(Food)
@@ -93,6 +96,7 @@ class EatFood(Wrapper):
         self.scale = pair_of(check_value("scale", scale, NonNegativeRange))
         self.split = check_bool("split", split)
         self.observe_scale = check_bool("observe_scale", observe_scale)
+        self.between = check_choice("between", between, BETWEEN)
         teams = self.inner(TeamMembership).team_index if rew_type == "team_mean" else np.arange(self.n_agents)
         self._same_team = teams[:, None] == teams
 
@@ -139,7 +143,10 @@ class EatFood(Wrapper):
             health: (n_food,) units that are left.
             wants: (n_agents, n_food) bool, who asks for what.
         """
-        to = state.world.sites[self.food.kind] - state.data.xpos[self.base.agents.body_ids][:, None]
+        mouths = state.data.xpos[self.base.agents.body_ids]
+        if self.between == "corners":
+            mouths -= jnp.asarray(self.base.agents.extent) / 2
+        to = state.world.sites[self.food.kind] - mouths[:, None]
         near = jnp.linalg.norm(to, axis=-1) < self.radius
         return wants & near & (health > 0) & self.playing(state)[:, None]
 

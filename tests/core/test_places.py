@@ -84,8 +84,8 @@ NO_PLACE = "for {}, which has no place in any world"
         ),
         ([maax.Agents(1, maax.proximity_placement(1.0, "box0")), maax.Boxes(1)], {}, "no 'box0' is placed before it"),
         ([maax.Agents(2, maax.proximity_placement(1.0, "agent1"))], {}, "for agent0, and no 'agent1' is placed"),
-        ([maax.Boxes(2, maax.separation_placement(9.0)), maax.Agents(1)], {}, "for box1, and the floor's corners are 8.49"),
-        ([maax.Boxes(1), maax.Agents(1, maax.all_of(UNIFORM, maax.separation_placement(9.0)))], {}, "corners are 8.49 m"),
+        ([maax.Boxes(2, maax.separation_placement(9.0)), maax.Agents(1)], {}, "for box1, and the floor"),
+        ([maax.Boxes(1), maax.Agents(1, maax.all_of(UNIFORM, maax.separation_placement(9.0)))], {}, "are 8.49 m"),
         (
             [maax.Agents(1, maax.any_of(UNIFORM, maax.room_placement(2)))],
             {"scenario": ("half", "empty")},

@@ -44,8 +44,16 @@ class Table:
         return eaten
 
 
-def distances(agents, food):
-    """(..., n_agents, n_food) metres from centres (..., n_agents, 3) to the middles of pieces (..., n_food, 3)."""
+HALF = 0.15
+"""Metres, half of an agent's extents."""
+
+
+def distances(agents, food, between="centres"):
+    """(..., n_agents, n_food) metres from agents to the middles of pieces (..., n_food, 3).
+
+    Agents' centres are (..., n_agents, 3); "corners" are their lower ones, which `agent_pos` of the published code is.
+    """
+    agents = np.float64(agents) - (HALF if between == "corners" else 0.0)
     return np.sqrt(((np.float64(agents)[..., :, None, :] - np.float64(food)[..., None, :, :]) ** 2).sum(axis=-1))
 
 

@@ -223,6 +223,13 @@ def test_what_is_given_stays_as_it_is_given():
     assert config.ramp_placement == "centre"
 
 
+def test_published_food_is_eaten_from_the_corner():
+    fed = "hide_and_seek_food"
+    assert maax.config_of(fed).food.between == "centres"
+    assert as_published(maax.config_of(fed, published=True)).food.between == "corners"
+    assert find(maax.make(fed, impl="c", published=True), maax.EatFood).between == "corners"
+
+
 @pytest.mark.parametrize("game", GAMES)
 def test_the_model_is_the_published_one(game):
     """Welds and joint ranges with MuJoCo's softness, arms that collide, 100 iterations."""

@@ -55,7 +55,7 @@ def begun(env, n=N_WORLDS):
     return jax.jit(jax.vmap(env.reset))(jax.vmap(jax.random.key)(seeds.seed(0) + jnp.arange(n)))
 
 
-def around(states, radius):
+def around(states, radius, between):
     """(worlds, steps, agents, 3) places: beside a slot of food, or where nothing is.
 
     None is as far from a piece as the radius, to what float32 can tell.
@@ -66,15 +66,15 @@ def around(states, radius):
     way = rng.normal(size=(*shape, 3))
     way *= (rng.uniform(0, 1.5 * radius, shape) / np.linalg.norm(way, axis=-1))[..., None]
     at = np.where(rng.random(shape)[..., None] < 0.8, piece + way, NOWHERE).astype(np.float32)
-    unclear = np.abs(food_oracle.distances(at, food[:, None]) - radius) < 1e-5
+    unclear = np.abs(food_oracle.distances(at, food[:, None], between) - radius) < 1e-5
     return np.where(unclear.any(axis=-1)[..., None], NOWHERE, at)
 
 
-def played(env, radius=0.5):
+def played(env, radius=0.5, between="centres"):
     """The states at reset, what the script says, and the states after all steps (worlds, steps, ...)."""
     states, rng = begun(env), seeds.rng(2)
     told = {
-        "at": around(states, radius),
+        "at": around(states, radius, between),
         "eat": (rng.random((N_WORLDS, N_STEPS, len(TEAMS), N_FOOD)) < 0.7).astype(np.int8),
         "reward": rng.normal(size=(N_WORLDS, N_STEPS, len(TEAMS))).astype(np.float32),
     }
@@ -87,10 +87,11 @@ def played(env, radius=0.5):
     return jax.device_get(states.replace(key=())), told, jax.device_get(run(states, told))
 
 
-def wanted(start, at, eat, max_health, radius=0.5, respawn_steps=None, rew_type="selfish", split=False):
+def wanted(start, at, eat, max_health, radius=0.5, respawn_steps=None, rew_type="selfish", split=False,
+           between="centres"):  # fmt: skip
     """What the oracle has: health before and after every step, units that everyone ate, and rewards for them."""
     there, playing = start.world.active["food"], start.world.active["agent"]
-    asked = (food_oracle.distances(at, start.world.sites["food"][:, None]) < radius) & (eat > 0)
+    asked = (food_oracle.distances(at, start.world.sites["food"][:, None], between) < radius) & (eat > 0)
     asked &= playing[:, None, :, None]
     before, health, units, own = (np.zeros((N_WORLDS, N_STEPS, *more)) for more in ((4,), (4,), (5, 4), (5,)))
     for w in range(N_WORLDS):
@@ -106,6 +107,7 @@ def wanted(start, at, eat, max_health, radius=0.5, respawn_steps=None, rew_type=
 CASES = {
     "one's own, back after 4 steps": {"max_health": 3, "respawn_steps": 4},
     "the team's, never back": {"max_health": 7, "rew_type": "team_mean", "scale": 0.5},
+    "from corners": {"max_health": 3, "between": "corners"},
     "units shared, away for a step": {"max_health": 2, "respawn_steps": 1, "split": True, "scale": 2},
     "of a drawn scale": {
         "max_health": 5, "radius": 0.8, "respawn_steps": 6, "rew_type": "team_mean", "scale": (0.5, 2.0),
@@ -118,7 +120,8 @@ CASES = {
 def test_health_and_rewards_are_the_oracles(case):
     """At every step; and all that can happen does."""
     options = dict(CASES[case])
-    start, told, after = played(maax.EatFood(script(), **options), options.get("radius", 0.5))
+    radius, between = options.get("radius", 0.5), options.get("between", "centres")
+    start, told, after = played(maax.EatFood(script(), **options), radius, between)
     observed, scale = options.pop("observe_scale", False), np.array(options.pop("scale", 1))
     assert ("food_scale" in after["obs"]) == observed
     if observed:
@@ -131,7 +134,7 @@ def test_health_and_rewards_are_the_oracles(case):
     close(after["reward"], told["reward"] + scale * own, atol=2e-5)
     equal((after["reward"] - told["reward"]).swapaxes(1, 2)[~playing], 0)
 
-    near = food_oracle.distances(told["at"], start.world.sites["food"][:, None]) < options.get("radius", 0.5)
+    near = food_oracle.distances(told["at"], start.world.sites["food"][:, None], between) < radius
     near &= told["eat"] > 0
     happened = {
         "eaten": units > 0,
