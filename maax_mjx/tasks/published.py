@@ -43,9 +43,9 @@ def as_published(config: C) -> C:
         return config
     default = type(config)()
     parts = {
-        name: _where_default(getattr(config, name), getattr(default, name), changed)
+        name: _where_default(part, getattr(default, name) or type(part)(), changed)
         for name, changed in PARTS.items()
-        if getattr(config, name)
+        if (part := getattr(config, name, None))
     }
     placements = {}
     for f in fields(config):

@@ -223,6 +223,14 @@ def test_what_is_given_stays_as_it_is_given():
     assert config.ramp_placement == "centre"
 
 
+@pytest.mark.parametrize("task", ["lock_and_return", "sequential_lock", "blueprint", "shelter"])
+def test_transfer_tasks_take_the_same_details(task):
+    env = maax.make(task, impl="c", published=True)
+    assert built(env) == FIELDS
+    assert built(maax.make(task, impl="c")) == DEFAULTS
+    assert as_published(maax.config_of(task, published=True)).agent_placement == "published_uniform"
+
+
 def test_published_food_is_eaten_from_the_corner():
     fed = "hide_and_seek_food"
     assert maax.config_of(fed).food.between == "centres"

@@ -11,6 +11,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.modules import Module
 from maax_mjx.tasks.hide_and_seek import GrabConfig, LidarConfig, LockConfig, arguments, with_lidar
 from maax_mjx.tasks.observe import OBSERVATIONS, observed_by_agents
+from maax_mjx.tasks.published import as_published
 from maax_mjx.tasks.standard import GameConfig, Number, Placement, ScenarioNames, Side, world
 from maax_mjx.tasks.transfer.made_up import with_made_up
 from maax_mjx.worldgen import WorldParams
@@ -25,7 +26,7 @@ from maax_mjx.wrappers import (
     TeamMembership,
 )
 from maax_mjx.wrappers.actions import Bins
-from maax_mjx.wrappers.senses import CONE, Cone
+from maax_mjx.wrappers.senses import BETWEEN, CONE, Cone
 from maax_mjx.wrappers.teams import HIDERS
 
 
@@ -35,7 +36,10 @@ class TransferConfig(GameConfig):
 
     Attributes:
         agent_placement: where the agent starts.
+        published: whether the details of the published code come with it, each unless its field is set otherwise; see
+            `maax_mjx.tasks.published`.
         cone: full angle of `LineOfSight` in radians.
+        cone_between: what cones are measured between, "centres" or "corners"; see `LineOfSight`.
         lock, grab, lidar: arguments of the wrappers; locks have a choice for every object, which `LockTogether` joins.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
         made_up: whether split observations have the agents, the ramp and the constants that the published tasks make
@@ -52,7 +56,9 @@ class TransferConfig(GameConfig):
     world_params: WorldParams = field(default_factory=lambda: WorldParams(gravity=-50.0))
     scenario: ScenarioNames = "empty"
     boxsize_obs: bool | None = True
+    published: bool = False
     cone: Cone = CONE
+    cone_between: Annotated[str, OneOf(BETWEEN)] = "centres"
     lock: LockConfig = field(default_factory=lambda: LockConfig(in_vision_only=True))
     grab: GrabConfig | None = field(default_factory=lambda: GrabConfig(in_vision_only=True))
     lidar: LidarConfig | None = field(default_factory=LidarConfig)
@@ -75,11 +81,12 @@ def one_agent(config: TransferConfig, *modules: Module, first: Sequence[Module] 
 
     Those in `first` take their places before the agent and the objects, the others after them.
     """
+    config = as_published(config)
     base = world(config, (Side(HIDERS, 1, config.agent_placement, "agent_placement"),), first)
     for module in modules:
         base.add_module(module)
     env: Environment = AgentAgentContactMask2D(TeamMembership(base))
-    env = LineOfSight(env, config.cone)
+    env = LineOfSight(env, config.cone, between=config.cone_between)
     env = with_lidar(env, config.lidar, config.observations)
     env = LockObjects(env, **arguments(config.lock))
     return env if config.grab is None else GrabObjects(env, **arguments(config.grab))

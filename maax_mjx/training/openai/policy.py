@@ -76,7 +76,7 @@ class OpenAIPolicy(TrainedPolicy):
         game = "hide_and_seek_quadrant" if play.network.widths[-1] == len(POSE) else "hide_and_seek_full"
         self.game = {"game": game, "config": {"published": True}}
         if name in TASKS and game == "hide_and_seek_full":
-            self.game = {"game": name, "config": {"made_up": True}}
+            self.game = {"game": name, "config": {"made_up": True, "published": True}}
 
     @classmethod
     def read(cls, path: str | Path) -> OpenAIPolicy:
