@@ -1,4 +1,4 @@
-"""The standard environment M of the thesis (section 6.3, formula 6.1)."""
+"""The standard environment M of the thesis (section 6.3, formula 6.1), with bodies of our own."""
 
 from __future__ import annotations
 

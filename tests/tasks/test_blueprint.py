@@ -129,3 +129,5 @@ def test_what_does_not_fit_is_refused():
     for field, value in {"n_sites": 0, "site_middle": 0.0, "task.radius": 0.0, "task.steepness": 1.0}.items():
         with pytest.raises(ValueError, match=f"{field}: got {value}"):
             maax.make("blueprint", **{field: value})
+    with pytest.raises(ValueError, match=r"n_sites: got \(2, 9\) with 8 boxes to fill them; takes as many at most"):
+        maax.make("blueprint", n_sites=(2, 9))

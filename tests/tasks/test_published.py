@@ -274,7 +274,8 @@ def test_what_is_left():
     assert config.grab == replace(given.grab, soft=True)
     assert config.world_params == replace(given.world_params, iterations=100)
     changed = {f.name for f in fields(config) if getattr(config, f.name) != getattr(given, f.name)}
-    assert changed == {name.split(".")[0] for name in FIELDS} - {"lock", "lidar"} | {"seeker_placement"}
+    assert changed == {name.split(".")[0] for name in FIELDS} - {"lock", "lidar"} | {"seeker_placement", "food"}
+    assert config.food == replace(given.food, between="corners")
     assert built_without(given) == [maax.LockObjects, maax.Lidar]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from maax_mjx.common.annotated import Bounds, NonNegative, NonNegativeRange, Positive, PositiveCount
+from maax_mjx.common.checks import check_count_range
 from maax_mjx.core.env import Environment
 from maax_mjx.layout import published_middle_placement
 from maax_mjx.modules import ConstructionSites
@@ -53,8 +54,11 @@ def blueprint(config: BlueprintConfig) -> Environment:
     """Builds the blueprint task.
 
     Raises:
-        ValueError: a config that the world or the wrappers refuse.
+        ValueError: more sites than boxes, or a config that the world or the wrappers refuse.
     """
+    most_sites, most_boxes = (check_count_range(n, getattr(config, n))[1] for n in ("n_sites", "n_boxes"))
+    if most_sites > most_boxes:
+        raise ValueError(f"n_sites: got {config.n_sites} with {most_boxes} boxes to fill them; takes as many at most")
     sites = ConstructionSites(config.n_sites, placement_fn=published_middle_placement(config.site_middle))
     env = BlueprintReward(one_agent(config, sites), **arguments(config.task))
     return as_in_hide_and_seek(env, config, n_others=2, hider=False)
