@@ -79,13 +79,27 @@ def bring(
         pivot: (2,) metres, where the agent turns by more than `ASKEW`; see `turning_place`.
     """
     agents = env.base.agents
-    here, velocity = state.data.qpos[agents.qpos_ids[agent]], state.data.qvel[agents.qvel_ids[agent]]
+    here = state.data.qpos[agents.qpos_ids[agent]]
     # Where the agent stands in the end: the thing keeps its place at the agent's side.
     final = goal - turned(thing - here[:2], turn)
     turns = jnp.abs(turn) > ASKEW
     final = jnp.where(turns, pivot, final)
     turn = jnp.where(turns & (jnp.linalg.norm(pivot - here[:2]) > 0.15), 0.0, turn)
-    to = final - here[:2]
+    return drive(state, env, agent, final - here[:2], turn, fastest)
+
+
+def drive(
+    state: State, env: Environment, agent: int, to: jax.Array, turn: jax.Array, fastest: jax.Array | float
+) -> jax.Array:
+    """Returns forces (3,) of an agent that goes straight, and turns on the way.
+
+    Args:
+        state, env, agent: who acts.
+        to: (2,) metres that are still to go.
+        turn: () radians by which it is still to turn.
+        fastest: metres per second.
+    """
+    velocity = state.data.qvel[env.base.agents.qvel_ids[agent]]
     left = jnp.linalg.norm(to)
     along = to / jnp.maximum(left, 1e-6)
     wanted = along * jnp.minimum(RATE * left, fastest)
@@ -96,7 +110,9 @@ def bring(
     return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
 
 
-def turning_place(here: jax.Array, within: jax.Array, things: Footprints, radius: jax.Array) -> jax.Array:
+def turning_place(
+    here: jax.Array, within: jax.Array, things: Footprints, radius: jax.Array, short: float = SHORT
+) -> jax.Array:
     """Returns the nearest place (2,) in metres where an agent can turn with a thing in hand, or the one with most room.
 
     Args:
@@ -104,6 +120,7 @@ def turning_place(here: jax.Array, within: jax.Array, things: Footprints, radius
         within: (4,) x0, y0, x1, y1 of the room in metres.
         things: what is in the way.
         radius: () metres around the agent that it takes to turn.
+        short: metres that it goes rather than to turn where a metre of room is missing.
     """
     low, high = within[:2] + radius, within[2:] - radius
     middle = (low + high) / 2
@@ -112,7 +129,7 @@ def turning_place(here: jax.Array, within: jax.Array, things: Footprints, radius
     grid = jnp.stack(jnp.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     places = jnp.concatenate([here[None], low + grid * (high - low)])
     room = jnp.minimum(things.clearance(places), jnp.minimum(places - within[:2], within[2:] - places).min(axis=1))
-    cost = jnp.linalg.norm(places - here, axis=1) + SHORT * jnp.maximum(radius - room, 0.0)
+    cost = jnp.linalg.norm(places - here, axis=1) + short * jnp.maximum(radius - room, 0.0)
     return places[jnp.argmin(cost)]
 
 

@@ -141,8 +141,8 @@ def sequential_lock(impl: str = "auto") -> Scene:
     return _alone("sequential_lock", climbing.sequential_lock, impl, 120, n_bins=None)
 
 
-def shelter(impl: str = "auto", horizon: int = 480) -> Scene:
-    """An agent puts boxes around a cylinder; by forces, not bins, and by default in twice the published time.
+def shelter(impl: str = "auto", horizon: int = 240) -> Scene:
+    """An agent puts boxes around a cylinder; by forces, not bins, and by default in the published time.
 
     Args:
         impl: name of the engine.

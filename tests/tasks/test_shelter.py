@@ -14,6 +14,7 @@ from helpers.plain_mujoco import in_plain_mujoco
 
 import maax_mjx as maax
 from maax_mjx.tasks import scenes, sheltering
+from maax_mjx.tasks.carrying import footprints
 from maax_mjx.training.opponents import SCRIPTED
 
 N = 24
@@ -138,46 +139,35 @@ def test_rays_go_to_every_cylinder_and_to_none_that_is_absent():
 
 @pytest.mark.slow
 def test_a_script_shelters_the_cylinder(fast_programs):
-    """With forces, in 260 steps: of 53 rays 38 were left on average in 24 worlds, and 3.7 boxes locked."""
-    scene = scenes.shelter("c", horizon=262)
-    worlds = maax.Worlds(scene.env, 8)
-    keep = ("reward", "mechanics.locks.locked")
+    """With forces, in the published time; see `docs/games.md` for how many rays are left of how many."""
+    scene = scenes.shelter("c")
+    worlds = maax.Worlds(scene.env, 16)
+    keep = ("reward",)
     _, kept = worlds.rollout(worlds.reset(seeds.key(12)), lambda state, key: scene.act(state), scene.n_steps, keep=keep)
     rays = -1000 * np.asarray(kept["reward"])[..., 0]
-    locked = np.asarray(kept["mechanics.locks.locked"])[-1].sum(axis=1)
-    assert rays[-1].mean() < rays[0].mean()
-    assert locked.mean() > 1.5
+    assert rays[-1].mean() < 0.8 * rays[0].mean()
+    assert (rays[-1] <= 0.7 * rays[0]).mean() > 0.35
     with pytest.raises(ValueError, match="shelter: got a game without ShelterReward"):
         SCRIPTED["shelter"].on(maax.make("blueprint", impl="c"))
 
 
-def test_the_ring_keeps_all_rays_away():
-    """Boxes that are put where the script wants them leave few of 100 rays, by the rays of the physics."""
-    env, state = env_of(), jax.device_get(placed().replace(key=()))
-    pose, reaching = compiled()
+def test_the_script_knows_which_rays_boxes_stop():
+    """As the rays of the physics, but for boxes that lie in the cylinder, and rays along edges."""
+    env, states = env_of(), placed()
     layer = next(layer for layer in env.layers if isinstance(layer, maax.ShelterReward))
-    ring_of = jax.jit(lambda middle, floor: sheltering.ring(middle, layer.starts[:, :2], floor))
-    boxes = env.base.modules["box"]
-    left = []
-    for w in range(N):
-        one = jax.tree.map(lambda x, w=w: x[w], state)
-        middle = one.obs["static_cylinder_pos"][0, :2]
-        ring = ring_of(middle, one.world.plan.floor_size)
-        half = np.asarray(boxes.extents_of(one.world))[:, :2] / 2
-        qpos = np.array(one.data.qpos)
-        qpos[boxes.qpos_ids[:, :3]] = [50.0, 50.0, 0.25]
-        qpos[env.base.agents.qpos_ids[0, :2]] = 0.3
-        is_long = half.max(axis=1) > 0.5
-        for kind in (True, False):
-            for box, place in zip(np.flatnonzero(is_long == kind), np.flatnonzero(ring.is_long == kind), strict=True):
-                if not ring.there[place]:
-                    continue
-                out = float(ring.out[place]) + (0.0 if half[box, 0] < half[box, 1] else np.pi / 2)
-                qpos[boxes.qpos_ids[box]] = [*np.asarray(ring.at[place]), 0.25, out]
-        data = pose(one.world.fields, one.data.replace(qpos=jnp.asarray(qpos)))
-        left.append(int(reaching(one.replace(data=data)).sum()))
-    assert np.mean(left) < 14
-    assert max(left) < 35
+    # Agents stop rays, too.
+    qpos = states.data.qpos.at[:, env.base.agents.qpos_ids[0, 2]].add(20.0)
+    states = states.replace(data=jax.vmap(env.base.engine.pose)(states.world.fields, states.data.replace(qpos=qpos)))
+
+    def stopped(state):
+        middle = state.data.geom_xpos[layer.cylinders.geom_ids[0], :2]
+        return sheltering.stopped(footprints(state, env, ("box",)), jnp.asarray(layer.starts[:, :2]), middle).any(
+            axis=0
+        )
+
+    reach = jax.jit(jax.vmap(layer.reaching))(states)[..., 0]
+    assert (reach != jax.jit(jax.vmap(stopped))(states)).mean() > 0.97
+    assert 0.1 < reach.mean() < 0.9
 
 
 def test_what_does_not_fit_is_refused():
