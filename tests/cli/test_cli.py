@@ -226,6 +226,7 @@ def test_an_interrupt_writes_what_was_done(tmp_path):
         assert (tmp_path / name).stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_compilation(tmp_path):
     """There is nothing to write yet: the process ends at once, without a traceback or a crash."""
     process = started_rollout(tmp_path, "compiling")

@@ -143,6 +143,7 @@ def test_every_range_is_a_parameter_and_no_fixed_number_is(zoo):
     close(model.joint("agent0:x").damping, 8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("narrow", [False, True])
 def test_draws_are_uniform_over_their_ranges(narrow, zoo):
     env, _, read = zoo

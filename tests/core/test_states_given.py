@@ -57,6 +57,7 @@ def test_what_is_no_state_is_refused(tag, state):
         tag.step(state, action["move"])
 
 
+@pytest.mark.slow
 def test_a_step_outside_of_traced_code_is_compiled_once(tag, state):
     tag.step(tag.step(state, tag.sample_action(seeds.key(1))), tag.sample_action(seeds.key(2)))
     assert tag._traced_advance._cache_size() == 1

@@ -147,5 +147,6 @@ def test_higher_maxima_move_nothing(drawn, kind):
         np.testing.assert_allclose(got, want, rtol=1e-6, atol=1e-6, err_msg=f"{name} of {kind}")
 
 
+@pytest.mark.slow
 def test_every_kind_is_compared(drawn):
     assert set(drawn[0]) == set(KINDS)

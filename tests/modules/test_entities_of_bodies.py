@@ -98,6 +98,7 @@ def test_poses_weights_and_frictions_are_those_of_the_exported_file(game):
     assert env.contacts_per_world > 0
 
 
+@pytest.mark.slow
 def test_it_moves_as_in_plain_mujoco_and_the_absent_stay(game):
     """A drawer in motion, and agents that push at full force; what moves inside is observed."""
     worlds, states = game

@@ -305,6 +305,7 @@ def test_free_joints():
     np.testing.assert_allclose(after[parked], before[parked], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["c", "jax", "warp"])
 @pytest.mark.parametrize("then", ["c", "warp"])
 def test_a_state_goes_on_on_another_engine(first, then, batch_reset, batch_step, request):

@@ -21,6 +21,7 @@ def env_jax():
     return maax.make("standard", impl="jax", scenario="empty", **few)
 
 
+@pytest.mark.slow
 def test_reset_and_step_are_exported_for_all_platforms(env_jax):
     """Nothing in them is bound to the platform that they are traced on. No TPU was at hand to run it."""
     key = seeds.key(0)

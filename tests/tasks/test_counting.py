@@ -38,6 +38,7 @@ def played():
     return jax.device_get(kept)
 
 
+@pytest.mark.slow
 def test_everything_is_seen_at_first_and_nothing_in_the_end():
     sees, there = played()["obs"]["sees_box"][:, :, 0], played()["world.active"]["box"][0]
     assert sees.shape == (STEPS, N, 6)

@@ -74,6 +74,7 @@ def test_rewards_are_the_published_ones(kind):
     assert (reward < -4).any() == (locked[:-1] & ~locked[1:]).any()
 
 
+@pytest.mark.slow
 def test_locking_is_in_order():
     """A box is locked later than all before it, or while they are locked; without the rule it is not so."""
     broken = {}
@@ -132,6 +133,7 @@ def room_of(states, at):
     return inside.argmax(axis=-1)
 
 
+@pytest.mark.slow
 def test_in_three_rooms_things_take_turns():
     """The agent and five boxes are two in each room, ramps one in each; rooms are as likely, whatever their size."""
     n = 600

@@ -61,6 +61,7 @@ def test_a_published_policy_reads_what_the_published_task_tells(name):
         np.testing.assert_array_equal(read["mask_ar_obs"], [0])
 
 
+@pytest.mark.slow
 def test_it_plays_the_task_of_its_file():
     game = env("lock_and_return")
     worlds = maax.Worlds(game, 2)

@@ -106,6 +106,7 @@ def test_worlds_begin_as_published(game):
     assert len(found) == {QUADRANT: 19, FULL: 70}[game]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_nothing_starts_where_the_published_code_never_tries(game):
     """To the cell, where a distribution of hundreds would not tell one cell from the next."""

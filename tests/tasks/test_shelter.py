@@ -64,6 +64,7 @@ def reaching(env, state, w):
     return np.array(hits)
 
 
+@pytest.mark.slow
 def test_the_reward_is_that_of_mujocos_rays():
     """One ray in a hundred may pass an edge by another side of it."""
     env, keys = env_of(), jax.random.split(seeds.key(1), N)

@@ -130,6 +130,7 @@ def assert_all_near(got, wanted):
 # Networks.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_logits_and_memories_are_the_oracles(game):
     run = played(game)
@@ -335,6 +336,7 @@ def test_actions_are_in_the_space(game):
         assert env.action_space.contains(at(played(game).action, t, 0))
 
 
+@pytest.mark.slow
 def test_it_plays_and_is_recorded_and_forgets_at_the_end():
     """As it is, without `on`: memory is looked after, and zero where an episode ended."""
     mine, world = policy(QUADRANT), worlds(QUADRANT)

@@ -227,6 +227,7 @@ def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
         training.Policy.load(tmp_path / "nothing")
 
 
+@pytest.mark.slow
 def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
     """Those who always say the same are right in half of the episodes, whoever plays the other team."""
     env = echo()

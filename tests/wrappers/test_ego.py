@@ -123,6 +123,7 @@ def test_turning_and_shifting_a_world_changes_only_absolute_columns(name):
         assert compared >= 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hide_and_seek_quadrant"])
 def test_published_observations_do_change(name):
     """The test above would not pass with the frames of the published game."""
@@ -159,6 +160,7 @@ def test_what_is_ahead_is_ahead():
     assert obs["time_left"][0, 0] == 1
 
 
+@pytest.mark.slow
 def test_absent_ones_are_zero_and_numbers_are_cut_off():
     env, state = ego("hide_and_seek_full"), states("hide_and_seek_full")
     fast = state.replace(data=state.data.replace(qvel=state.data.qvel * 100))

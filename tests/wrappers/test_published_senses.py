@@ -123,6 +123,7 @@ def test_between_corners_rays_go_to_the_middle_of_a_ramp_s_wedge():
         assert seen["sees_ramp"].all() == (between == "corners")
 
 
+@pytest.mark.slow
 def test_cones_between_corners_differ_for_as_many_pairs_as_measured():
     """For 6.8 % of pairs of an agent and a long box, 19.8 % within 1.2 m; 1.2 and 4.0 % of cubes, 1.4 % of ramps."""
     env, states = worlds()
