@@ -128,6 +128,7 @@ def test_it_moves_as_in_plain_mujoco_and_the_absent_stay(game):
     assert not np.asarray(states.metrics["physics_fault"]).any()
 
 
+@pytest.mark.slow
 def test_locks_hold_what_is_inside(game):
     """Under 50 N on the drawer, which opens without the lock."""
     worlds, states = game

@@ -33,6 +33,7 @@ def test_reset_and_step_are_exported_for_all_platforms(env_jax):
     np.testing.assert_array_equal(reset.call(key).data.qpos, jax.jit(env_jax.reset)(key).data.qpos)
 
 
+@pytest.mark.slow
 def test_a_batch_is_exported_for_all_platforms(env_jax):
     worlds = maax.Worlds(env_jax, 4)
     params = jax.tree.map(lambda x: jnp.broadcast_to(x, (4, 2)), env_jax.default_params)

@@ -70,6 +70,7 @@ def test_nothing_tells_of_boxes_behind_the_screens():
     assert lidar.min() < 1, "it sees the screens"
 
 
+@pytest.mark.slow
 def test_boxes_end_on_the_side_that_is_counted():
     """By where they are, not by what the wrapper remembers."""
     boxes = env().base.modules["box"]

@@ -124,6 +124,7 @@ def test_nothing_starts_where_the_published_code_never_tries(game):
                 assert any(all(a <= c < b for c, (a, b) in zip(cell, r, strict=True)) for r in ranges), (kind, i, cell)
 
 
+@pytest.mark.slow
 def test_what_starts_in_doorways():
     """In a quarter of the full game's worlds with doors: long boxes, agents in a fortieth; nothing else fits there."""
     worlds = starts(FULL)

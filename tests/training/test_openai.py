@@ -174,6 +174,7 @@ def test_whatever_names_begin_with_and_the_value_net_are_ignored(prefix):
 # Observations.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_what_is_read_is_the_oracles(game):
     """In a rollout, and of numbers of all kinds."""

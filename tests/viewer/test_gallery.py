@@ -40,6 +40,7 @@ def test_names_are_short_where_there_is_no_room():
     assert not arrange(1, SIZE, 3).is_narrow
 
 
+@pytest.mark.slow
 def test_every_world_is_seen_in_its_tile():
     """Where it stands changes nothing of it; floors are nearly half of the picture, agents some pixels."""
     env = maax.make("hide_and_seek_quadrant", impl="c", n_boxes=1, n_ramps=1)

@@ -161,6 +161,7 @@ def lidar(capped):
     return np.asarray(jax.jit(jax.vmap(lambda state: rays.observation(state)["lidar"]))(some))[..., 0]
 
 
+@pytest.mark.slow
 def test_rays_without_a_cap_read_how_far_what_they_meet_is():
     """Further than their range, too; the range where they meet nothing."""
     env, _ = worlds()
