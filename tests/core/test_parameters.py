@@ -192,6 +192,7 @@ def test_a_parameter_alone_changes_what_it_names(name, zoo):
             equal(places(env, state, kind), places(env, before, kind), err_msg=kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["n_ramps", "n_cylinders", "cylinder_diameter", "n_food", "n_sites", "n_elongated_sites"]
 )

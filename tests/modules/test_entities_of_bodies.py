@@ -152,6 +152,7 @@ def test_locks_hold_what_is_inside(game):
     assert free[:, inner[:, 0]][active].min() > 0.05
 
 
+@pytest.mark.slow
 def test_agents_see_it_by_its_parts_and_lidar_hits_them(game):
     """A leg is in the way of the ray to the middle of its desk; other things behind it are hidden."""
     worlds, states = game

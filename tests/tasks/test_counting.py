@@ -49,6 +49,7 @@ def test_everything_is_seen_at_first_and_nothing_in_the_end():
     assert not played()["metrics.physics_fault"].any()
 
 
+@pytest.mark.slow
 def test_nothing_tells_of_boxes_behind_the_screens():
     """Whichever side each of six boxes is on, none is in sight and the lidar reads the same: all 64 cases."""
     game = maax.make("object_counting", impl="c", observations="raw")
@@ -82,6 +83,7 @@ def test_boxes_end_on_the_side_that_is_counted():
     assert 0 < left.sum() < there.sum(), "both sides, in sixteen worlds"
 
 
+@pytest.mark.slow
 def test_nobody_leaves_their_place():
     """Boxes stay on their lanes, and the agent where it is, looking the same way."""
     boxes, agents = env().base.modules["box"], env().base.agents

@@ -185,6 +185,7 @@ def test_what_is_read_is_the_oracles(game):
     assert_all_near(policy(game).on(far(game)).play.adapter.read(obs), oracle.published(game, obs, FAR))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_places_are_those_of_lower_corners(game):
     """At the beginning all stands on the floor: corners are at a height of 0."""

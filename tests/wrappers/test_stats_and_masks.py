@@ -154,6 +154,7 @@ def check_stats(env, told, start, prep_steps):
     return want
 
 
+@pytest.mark.slow
 def test_stats_of_games(sensing, blind, seeing, start):
     """At every step, with a preparation phase and without."""
     for told, prep_steps in ((blind, PREP), (seeing, None)):
