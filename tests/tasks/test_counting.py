@@ -96,6 +96,7 @@ def test_nobody_leaves_their_place():
     np.testing.assert_allclose(agent[..., 3], 0, atol=0.01)
 
 
+@pytest.mark.slow
 def test_boxes_set_out_one_by_one():
     """Each at its own time, at no more than its speed."""
     x = played()["data.qpos"][..., env().base.modules["box"].qpos_ids[:, 0]]

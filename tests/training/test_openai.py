@@ -203,6 +203,7 @@ def test_places_are_those_of_lower_corners(game):
         assert read["box_obs"][..., 9:12].max() == pytest.approx(1.65), "elongated ones"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", GAMES)
 def test_hiders_know_that_they_hide_and_how_long_they_prepare(game):
     """The share rises from 0 to 1 in the steps of preparation, and stays."""
