@@ -97,7 +97,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             args.worlds,
             devices=int(args.devices) if args.devices.isdigit() else args.devices,
             seed=args.seed,
-            begin_from=None if args.begin_from is None else _begun_from(args.begin_from),
+            begin_from=None if args.begin_from is None else check_policy(load_any(args.begin_from, "from"), "from"),
             env=fields,
             keep_faults=args.keep_faults,
             transfer=args.transfer,
@@ -123,14 +123,6 @@ def train(args: Train, env: Mapping[str, str]) -> None:
     report(result, args.json, "\n".join(f"  {name:15} {_shown(value)}" for name, value in result.items()))
     if interrupt.asked:
         raise KeyboardInterrupt
-
-
-def _begun_from(path: Path) -> training.Policy:
-    try:
-        policy = load_any(path)
-    except ValueError as error:
-        raise ValueError(f"from{str(error).removeprefix('path')}") from None
-    return check_policy(policy, "from")
 
 
 def _shown(value: Any) -> str:

@@ -64,7 +64,7 @@ def check_separation(module: Placed, before: Sequence[Module], floor_size: float
     """
     widest = np.sqrt(2) * floor_size
     there = any(least for other in before if isinstance(other, Placed) for least, _ in other.counts.values())
-    always = np.concatenate([np.arange(most) < least for least, most in module.counts.values()])
+    always = _always(module)
     for i, (name, fn) in enumerate(zip(module.names, module.placement_fns, strict=True)):
         if separation_of(fn) > widest and (there or always[:i].any()):
             raise ValueError(
@@ -108,7 +108,7 @@ def _without_place(modules: Iterable[Placed], taken: np.ndarray, cell: float) ->
     """Returns the names of objects that have no place, on cells of `cell` metres that are `taken` (G, G) already."""
     without = set()
     for module in modules:
-        always = np.concatenate([np.arange(most) < least for least, most in module.counts.values()])
+        always = _always(module)
         sizes_vary = module.sizes_vary or (module.random_yaw and not module.is_round)
         for i, (name, fn) in enumerate(zip(module.names, module.placement_fns, strict=True)):
             region = region_of(fn)
@@ -123,6 +123,11 @@ def _without_place(modules: Iterable[Placed], taken: np.ndarray, cell: float) ->
                 x, y = corners[0]
                 taken[x : x + cells[0], y : y + cells[1]] = True
     return without
+
+
+def _always(module: Placed) -> np.ndarray:
+    """Which objects of a module are in every world, (n,) bool."""
+    return np.concatenate([np.arange(most) < least for least, most in module.counts.values()])
 
 
 def _free_corners(taken: np.ndarray, cells: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

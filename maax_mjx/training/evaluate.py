@@ -223,10 +223,7 @@ def player_of(argument: str, given: Any) -> TrainedPolicy | Scripted:
         near = get_close_matches(str(given), _names(argument), 1)
         meant = f" (did you mean {near[0]!r}?)" if near else ""
         raise ValueError(f"{argument}: got {str(given)!r}, and nothing is there{meant}; {_takes_players(argument)}")
-    try:
-        return load_any(given)
-    except ValueError as error:
-        raise ValueError(f"{argument}{str(error).removeprefix('path')}") from None
+    return load_any(given, argument)
 
 
 def _names(argument: str) -> list[str]:

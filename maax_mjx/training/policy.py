@@ -291,10 +291,13 @@ def check_trained(policy: Any, argument: str = "policy") -> TrainedPolicy:
     return policy
 
 
-def load_any(path: str | Path) -> TrainedPolicy:
+def load_any(path: str | Path, argument: str) -> TrainedPolicy:
     """Reads a policy that plays: what `Policy.load` takes, or a published file .npz.
 
     Raises:
-        ValueError: no policy.
+        ValueError: no policy; the message begins with the name of the argument.
     """
-    return Policy.from_openai(path) if Path(path).suffix == ".npz" else Policy.load(path)
+    try:
+        return Policy.from_openai(path) if Path(path).suffix == ".npz" else Policy.load(path)
+    except ValueError as error:
+        raise ValueError(f"{argument}{str(error).removeprefix('path')}") from None
