@@ -48,6 +48,7 @@ class Config(Options):
         compute: types of the networks' layers.
         epochs: times that every step is used.
         minibatches: updates per epoch.
+        microbatches: parts of a minibatch, one after another; small ones stay in a GPU's cache.
         preset: the other settings.
         policy: a trained policy, or the folder of a run, to play and train on with; its networks decide the encoder.
         turns: timed turns of `ppo.unroll` steps.
@@ -63,6 +64,7 @@ class Config(Options):
     compute: tuple[Annotated[str, OneOf(("float32", "bfloat16"))], ...] = ("float32",)
     epochs: tuple[PositiveCount, ...] = (2,)
     minibatches: tuple[PositiveCount, ...] = (16,)
+    microbatches: tuple[PositiveCount, ...] = (1,)
     preset: str = "gpu"
     policy: Path | None = None
     turns: PositiveCount = 4
@@ -83,6 +85,7 @@ class Case:
     minibatches: int
     turns: int
     devices: int = field(default=1, kw_only=True)
+    microbatches: int = field(default=1, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -110,14 +113,16 @@ def cases(config: Config) -> Iterator[Case]:
     """Cases, those of one batch after another; what a part does not have is not varied."""
     seen = set()
     for env, impl, n, devices in product(config.env, config.impl, config.worlds, config.devices):
-        nets = product(config.encoder, config.core, config.compute, config.epochs, config.minibatches)
+        varied = (config.encoder, config.core, config.compute, config.epochs, config.minibatches, config.microbatches)
+        nets = product(*varied)
         for net, part in product(list(nets), config.part):
-            encoder, core, compute, epochs, minibatches = net
-            case = Case(env, impl, n, part, encoder, core, compute, epochs, minibatches, config.turns, devices=devices)
+            encoder, core, compute, epochs, minibatches, microbatches = net
+            settings = (encoder, core, compute, epochs, minibatches, config.turns)
+            case = Case(env, impl, n, part, *settings, devices=devices, microbatches=microbatches)
             if part == "env" and devices > 1:
                 continue
             if part != "train":
-                case = replace(case, epochs=0, minibatches=0)
+                case = replace(case, epochs=0, minibatches=0, microbatches=1)
             if part == "env":
                 case = replace(case, encoder="", core="", compute="")
             if case not in seen:
@@ -143,6 +148,7 @@ def measure(case: Case, config: Config) -> Row:
         settings |= {"net.encoder": case.encoder, "net.core": case.core, "net.compute": case.compute}
     if case.part == "train":
         settings |= {"ppo.epochs": case.epochs, "ppo.minibatches": case.minibatches}
+        settings |= {"ppo.microbatches": case.microbatches}
     chosen = training.preset(config.preset, settings)
     turn, carry = {"env": stepped, "play": played, "train": trained}[case.part](worlds, chosen, config.policy)
     begun = time.perf_counter()
@@ -225,7 +231,7 @@ def begun(worlds: maax.Worlds, network: Network) -> tuple[Any, Any]:
 
 
 HEADER = (
-    "env                    impl   worlds on  part  encoder core compute  epochs parts      env/s   fastest  compile"
+    "env                    impl   worlds on  part  encoder core compute  epochs  parts      env/s   fastest  compile"
 )
 
 
@@ -233,8 +239,8 @@ def line(row: Row) -> str:
     """A row of the table."""
     return (
         f"{row.env:22} {row.impl:5} {row.worlds:7} {row.devices:2} {row.part:>5} {row.encoder:7} {row.core:4} "
-        f"{row.compute:8} {row.epochs:6} {row.minibatches:5} {row.env_steps_per_s:10,.0f} {row.fastest:9,.0f} "
-        f"{row.compile_s:8.1f}"
+        f"{row.compute:8} {row.epochs:6} {row.minibatches:3}x{row.microbatches:<2} {row.env_steps_per_s:10,.0f} "
+        f"{row.fastest:9,.0f} {row.compile_s:8.1f}"
     )
 
 

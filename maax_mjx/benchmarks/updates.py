@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from typing import Annotated, Any
@@ -44,6 +44,7 @@ class Config(Options):
         core: memory of the networks.
         compute: types of the networks' layers.
         minibatches: updates in an epoch.
+        microbatches: parts of a minibatch, one after another; small ones stay in a GPU's cache.
         chunk: steps of a row.
         preset: the other settings.
     """
@@ -54,6 +55,7 @@ class Config(Options):
     core: tuple[Annotated[str, OneOf(("none", "gru", "lstm"))], ...] = ("lstm",)
     compute: tuple[Annotated[str, OneOf(("float32", "bfloat16"))], ...] = ("float32",)
     minibatches: tuple[PositiveCount, ...] = (16,)
+    microbatches: tuple[PositiveCount, ...] = (1,)
     chunk: tuple[PositiveCount, ...] = (20,)
     preset: str = "gpu"
 
@@ -69,6 +71,7 @@ class Case:
     compute: str
     minibatches: int
     chunk: int
+    microbatches: int = field(default=1, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ class Row(Case, Measured):
 def cases(config: Config) -> Iterator[Case]:
     """Combinations of the options."""
     varied = (config.env, config.rows, config.encoder, config.core, config.compute, config.minibatches, config.chunk)
-    return (Case(*case) for case in product(*varied))
+    return (Case(*case, microbatches=n) for n in config.microbatches for case in product(*varied))
 
 
 def measure(case: Case, config: Config) -> Row:
@@ -108,7 +111,7 @@ def measure(case: Case, config: Config) -> Row:
     learner = new_learner(weights, chosen)
     now = Updates(learner.weights, learner.moments, jnp.zeros((), bool), learner.broken)
     begun = time.perf_counter()
-    epoch = jax.jit(partial(updated, network, chosen, case.minibatches), donate_argnums=0)
+    epoch = jax.jit(partial(updated, network, chosen, case.minibatches, case.microbatches), donate_argnums=0)
     program = epoch.lower(now, rows, jax.random.key(2)).compile()
     compile_s = time.perf_counter() - begun
     spent = []
@@ -131,10 +134,16 @@ def measure(case: Case, config: Config) -> Row:
 
 
 def updated(
-    network: Network, config: TrainConfig, minibatches: int, now: Updates, rows: Rows, key: jax.Array
+    network: Network,
+    config: TrainConfig,
+    minibatches: int,
+    microbatches: int,
+    now: Updates,
+    rows: Rows,
+    key: jax.Array,
 ) -> Updates:
     """Makes the updates of an epoch."""
-    order = jax.random.permutation(key, rows.begins.shape[1]).reshape(minibatches, 1, -1)
+    order = jax.random.permutation(key, rows.begins.shape[1]).reshape(minibatches, microbatches, -1)
 
     def learn(now: Updates, picked: jax.Array) -> tuple[Updates, None]:
         return update(now, network, config.ppo, rows.picked(picked), lambda x: x)[0], None
@@ -178,8 +187,8 @@ def line(row: Row) -> str:
     parts = sorted(row.parts_ns.items(), key=lambda item: -item[1])
     listed = ", ".join(f"{part} {ns / row.traced_ns:.1%}" for part, ns in parts if ns)
     return (
-        f"{row.env} {row.rows} x {row.chunk}, {row.encoder} {row.core} {row.compute} {row.minibatches}: "
-        f"{row.ns:.1f} ns, {row.traced_ns:.1f} traced: {listed}"
+        f"{row.env} {row.rows} x {row.chunk}, {row.encoder} {row.core} {row.compute} "
+        f"{row.minibatches} x {row.microbatches}: {row.ns:.1f} ns, {row.traced_ns:.1f} traced: {listed}"
     )
 
 

@@ -12,43 +12,60 @@ from flax import linen as nn
 
 from maax_mjx.training.config import NetConfig
 
-UNROLL = 8
-"""Steps of a loop through time that are written out. The preset "gpu" has no more, so that nothing is copied from and
-to the loop's arrays."""
+LONGEST = 10
+"""Steps of a loop through time that are written out, so that nothing is copied from and to a loop's arrays. No preset
+learns from longer chunks but "laptop", which has no memory."""
 
 State = tuple[jax.Array, ...]
 """Arrays (..., n) of a memory; the last one is what the cell puts out."""
 
 
 class Cell(NamedTuple):
-    """A recurrent cell.
+    """A recurrent cell. It has four gates, which are one product of its input and its last output.
 
     Attributes:
-        gates: numbers that the cell is given per number that it puts out.
+        inputs: gates that the input has weights for; the last output has as many.
         states: arrays of its memory.
-        step: `(given, recalled, state) -> state`, elementwise: `given` (..., gates * n) is made of the input and
-            `recalled` of the last output.
+        joined: `(input, memory, bias) -> (kernel, bias)`, (n, inputs * n) twice and (inputs * n,) to (2 n, 4 n) and
+            (4 n,): the weights of the one product.
+        step: `(gates, state) -> state`, elementwise, where `gates` is (..., 4 n).
     """
 
-    gates: int
+    inputs: int
     states: int
-    step: Callable[[jax.Array, jax.Array, State], State]
+    joined: Callable[[jax.Array, jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+    step: Callable[[jax.Array, State], State]
 
 
-def _gru(given: jax.Array, recalled: jax.Array, state: State) -> State:
-    (r, z, c), (hr, hz, hc) = (jnp.split(x, 3, axis=-1) for x in (given, recalled))
-    z = jax.nn.sigmoid(z + hz)
-    return ((1 - z) * jnp.tanh(c + jax.nn.sigmoid(r + hr) * hc) + z * state[0],)
+def _gru_joined(given: jax.Array, memory: jax.Array, bias: jax.Array) -> tuple[jax.Array, jax.Array]:
+    # The candidate is made of the input and of the memory apart, since only the memory's part is reset.
+    n = len(given)
+    nothing = jnp.zeros((n, n))
+    rows = [
+        jnp.concatenate([given, nothing], axis=1),
+        jnp.concatenate([memory[:, : 2 * n], nothing, memory[:, 2 * n :]], 1),
+    ]
+    return jnp.concatenate(rows), jnp.concatenate([bias, jnp.zeros(n)])
 
 
-def _lstm(given: jax.Array, recalled: jax.Array, state: State) -> State:
-    i, j, f, o = jnp.split(given + recalled, 4, axis=-1)
+def _gru(gates: jax.Array, state: State) -> State:
+    r, z, given, recalled = jnp.split(gates, 4, axis=-1)
+    z = jax.nn.sigmoid(z)
+    return ((1 - z) * jnp.tanh(given + jax.nn.sigmoid(r) * recalled) + z * state[0],)
+
+
+def _lstm_joined(given: jax.Array, memory: jax.Array, bias: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return jnp.concatenate([given, memory]), bias
+
+
+def _lstm(gates: jax.Array, state: State) -> State:
+    i, j, f, o = jnp.split(gates, 4, axis=-1)
     # The forget gate's bias is 1, as in TensorFlow's BasicLSTMCell.
     c = jax.nn.sigmoid(f + 1.0) * state[0] + jax.nn.sigmoid(i) * jnp.tanh(j)
     return c, jax.nn.sigmoid(o) * jnp.tanh(c)
 
 
-CELLS = {"gru": Cell(3, 1, _gru), "lstm": Cell(4, 2, _lstm)}
+CELLS = {"gru": Cell(3, 1, _gru_joined, _gru), "lstm": Cell(4, 2, _lstm_joined, _lstm)}
 
 
 def memory_size(net: NetConfig) -> int:
@@ -70,80 +87,105 @@ class Core(nn.Module):
         """Runs through (n_steps, n_worlds, n_agents, hidden); the other arguments are those of `Tower`."""
         if self.net.core not in CELLS:
             return x, memory
-        cell, n, dtype = CELLS[self.net.core], self.net.hidden, jnp.dtype(self.net.compute)
-        ortho = nn.initializers.orthogonal()
-        # The inputs of all steps in one product; only the memory's part is a loop.
-        given = nn.Dense(cell.gates * n, dtype=dtype, kernel_init=ortho, name="input")(x)
-        kernel = self.param("memory", ortho, (n, cell.gates * n)).astype(dtype)
+        cell, n = CELLS[self.net.core], self.net.hidden
+        given, bias = _Weights((n, cell.inputs * n), name="input")()
+        recalled = self.param("memory", nn.initializers.orthogonal(), (n, cell.inputs * n))
+        kernel, bias = cell.joined(given, recalled, bias)
         state = tuple(jnp.split(memory, cell.states, axis=-1))
-        out, state = recurrent(cell, given, kernel, state, begins)
+        out, state = recurrent(cell, x.astype(self.net.compute), kernel, bias, state, begins)
         return out, jnp.concatenate(state, axis=-1)
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0,))
+class _Weights(nn.Module):
+    """The weights of a layer."""
+
+    shape: tuple[int, int]
+
+    @nn.compact
+    def __call__(self) -> tuple[jax.Array, jax.Array]:
+        kernel = self.param("kernel", nn.initializers.orthogonal(), self.shape)
+        return kernel, self.param("bias", nn.initializers.zeros, self.shape[1:])
+
+
 def recurrent(
-    cell: Cell, given: jax.Array, kernel: jax.Array, state: State, begins: jax.Array
+    cell: Cell, x: jax.Array, kernel: jax.Array, bias: jax.Array, state: State, begins: jax.Array
 ) -> tuple[jax.Array, State]:
     """Runs a cell through time.
 
-    Its gradient is that of the loop. It is written out since the loop's derivative adds up the kernel's gradient step
-    by step, a small product each, where one large product does; and since it keeps every intermediate result in
-    float32.
-
     Args:
         cell: the cell.
-        given: (n_steps, n_worlds, n_agents, gates * n).
-        kernel: (n, gates * n), in the type of `given`.
+        x: (n_steps, n_worlds, n_agents, n), its input, whose type is that of the products.
+        kernel: (2 n, 4 n) float32, of the input and the last output.
+        bias: (4 n,) float32.
         state: (n_worlds, n_agents, n) float32 each, before the first step.
         begins: (n_steps, n_worlds) bool, before which steps the memory is zeroed.
 
     Returns:
-        What the cell puts out at every step, (n_steps, n_worlds, n_agents, n) in the type of `given`, and the state
+        What the cell puts out at every step, (n_steps, n_worlds, n_agents, n) in the type of `x`, and the state
         after the last one.
     """
-    return _forward(cell, given, kernel, state, begins)[0]
+    n = len(x)
+    size = max(size for size in range(1, LONGEST + 1) if n % size == 0)
+    if size == n:
+        return _written_out(cell, x, kernel, bias, state, begins)
+
+    def part(state: State, now: tuple[jax.Array, jax.Array]) -> tuple[State, jax.Array]:
+        out, state = _written_out(cell, now[0], kernel, bias, state, now[1])
+        return state, out
+
+    parts = jax.tree.map(lambda a: a.reshape(n // size, size, *a.shape[1:]), (x, begins))
+    state, out = jax.lax.scan(part, state, parts)
+    return out.reshape(x.shape), state
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(0,))
+def _written_out(
+    cell: Cell, x: jax.Array, kernel: jax.Array, bias: jax.Array, state: State, begins: jax.Array
+) -> tuple[jax.Array, State]:
+    """Runs a cell through some steps, as `recurrent` does, without a loop.
+
+    Its gradient is that of the steps. It is written out since what is kept for it is as small as can be: a step's
+    products in the type of `x`; and since the kernel's gradient adds up in float32.
+    """
+    return _forward(cell, x, kernel, bias, state, begins)[0]
 
 
 def _forward(
-    cell: Cell, given: jax.Array, kernel: jax.Array, state: State, begins: jax.Array
+    cell: Cell, x: jax.Array, kernel: jax.Array, bias: jax.Array, state: State, begins: jax.Array
 ) -> tuple[tuple[jax.Array, State], Any]:
-    def step(state: State, now: tuple[jax.Array, jax.Array]) -> tuple[State, tuple[jax.Array, State, jax.Array]]:
-        given, begins = now
-        state = _zeroed(state, begins)
-        # Kept for the gradients as they are read there.
-        before = (*state[:-1], state[-1].astype(kernel.dtype))
-        recalled = before[-1] @ kernel
-        state = cell.step(given.astype(jnp.float32), recalled.astype(jnp.float32), state)
-        return state, (state[-1].astype(given.dtype), before, recalled)
-
-    last, (out, before, recalled) = jax.lax.scan(step, state, (given, begins), unroll=UNROLL)
-    return (out, last), (given, recalled, kernel, before, begins)
+    narrow, outs, kept = kernel.astype(x.dtype), [], []
+    for t in range(len(x)):
+        state = _zeroed(state, begins[t])
+        both = jnp.concatenate([x[t], state[-1].astype(x.dtype)], axis=-1)
+        gates = both @ narrow + bias.astype(x.dtype)
+        kept.append((both, gates, state[:-1]))
+        state = cell.step(gates.astype(jnp.float32), state)
+        outs.append(state[-1].astype(x.dtype))
+    return (jnp.stack(outs), state), (kept, narrow, begins)
 
 
-def _backward(cell: Cell, kept: Any, gradients: tuple[jax.Array, State]) -> tuple[jax.Array, jax.Array, State, None]:
-    given, recalled, kernel, before, begins = kept
-    d_out, d_last = gradients
-
-    def step(d_state: State, now: Any) -> tuple[State, Any]:
-        d_out, given, recalled, before, begins = now
-        d_state = (*d_state[:-1], d_state[-1] + d_out.astype(jnp.float32))
-        before = tuple(x.astype(jnp.float32) for x in before)
-        _, pull = jax.vjp(cell.step, given.astype(jnp.float32), recalled.astype(jnp.float32), before)
-        d_given, d_recalled, d_before = pull(d_state)
-        # An LSTM adds the two, so that they are one array, which is kept once.
-        apart = () if d_given is d_recalled else d_given.astype(given.dtype)
-        d_recalled = d_recalled.astype(kernel.dtype)
-        from_h = (d_recalled @ kernel.T).astype(jnp.float32)
-        return _zeroed((*d_before[:-1], d_before[-1] + from_h), begins), (apart, d_recalled)
-
-    xs = (d_out, given, recalled, before, begins)
-    d_first, (apart, d_recalled) = jax.lax.scan(step, d_last, xs, reverse=True, unroll=UNROLL)
-    d_kernel = jnp.einsum("twan,twag->ng", before[-1], d_recalled, preferred_element_type=jnp.float32)
-    d_given = d_recalled.astype(given.dtype) if isinstance(apart, tuple) else apart
-    return d_given, d_kernel.astype(kernel.dtype), d_first, None
+def _backward(
+    cell: Cell, kept: Any, gradients: tuple[jax.Array, State]
+) -> tuple[jax.Array, jax.Array, jax.Array, State, None]:
+    steps, kernel, begins = kept
+    d_out, d_state = gradients
+    n, d_kernel, d_bias, d_x = len(kernel) // 2, jnp.zeros(kernel.shape), jnp.zeros(kernel.shape[1]), []
+    for t, (both, gates, others) in reversed(list(enumerate(steps))):
+        d_state = (*d_state[:-1], d_state[-1] + d_out[t].astype(jnp.float32))
+        state = (*others, both[..., n:].astype(jnp.float32))
+        _, pull = jax.vjp(cell.step, gates.astype(jnp.float32), state)
+        d_gates, d_before = pull(d_state)
+        rows, d_rows = both.reshape(-1, 2 * n), d_gates.astype(gates.dtype).reshape(-1, 4 * n)
+        d_kernel += jnp.matmul(rows.T, d_rows, preferred_element_type=jnp.float32)
+        d_bias += d_rows.sum(0, dtype=jnp.float32)
+        d_both = (d_rows @ kernel.T).reshape(both.shape)
+        d_x.append(d_both[..., :n])
+        d_state = (*d_before[:-1], d_before[-1] + d_both[..., n:].astype(jnp.float32))
+        d_state = _zeroed(d_state, begins[t])
+    return jnp.stack(d_x[::-1]), d_kernel, d_bias, d_state, None
 
 
-recurrent.defvjp(_forward, _backward)
+_written_out.defvjp(_forward, _backward)
 
 
 def _zeroed(state: State, begins: jax.Array) -> State:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -48,7 +49,7 @@ class Tower(nn.Module):
         masks = features.seen if self.heads else features.known
         parts = [features.own] + ([] if self.heads else [features.critic])
         if features.rays.shape[-1]:
-            parts.insert(1, Lidar(name="lidar")(features.rays))
+            parts.insert(1, Lidar(dtype, name="lidar")(features.rays))
         own = jnp.concatenate(parts, axis=-1)
         tokens: dict[str, jax.Array] = {}
         if self.net.encoder == "flat":
@@ -61,16 +62,15 @@ class Tower(nn.Module):
         x, memory = Core(self.net, name="core")(x, memory, begins)
         if self.net.core != "none":
             x = nn.LayerNorm(dtype=dtype, name="norm out")(x)
-        x = x.astype(jnp.float32)
         if not self.heads:
-            value = nn.Dense(1, kernel_init=nn.initializers.orthogonal(1.0), name="value")(x)
+            value = nn.Dense(1, kernel_init=nn.initializers.orthogonal(1.0), name="value")(x.astype(jnp.float32))
             return {"value": value}, memory
         out: dict[str, jax.Array] = {}
         for head in self.heads:
             if head.kinds and tokens:
                 out[head.name] = self._about_entities(head, x, tokens)
             else:
-                out[head.name] = nn.Dense(head.width, kernel_init=SMALL, name=head.name)(x)
+                out[head.name] = self._last(head.width, head.name)(x)
             if not head.bins:
                 name = f"{head.name} log std"
                 log_std = self.param(name, nn.initializers.constant(-0.5), (head.n,))
@@ -79,15 +79,27 @@ class Tower(nn.Module):
 
     def _about_entities(self, head: Head, x: jax.Array, tokens: dict[str, jax.Array]) -> jax.Array:
         """Returns logits (..., n * bins) of choices about entities, each from its own embedding."""
-        own = nn.Dense(self.net.width, name=f"{head.name} own")(x)[..., None, :]
-        each = nn.Dense(self.net.width, name=f"{head.name} entity", use_bias=False)
-        rows = jnp.concatenate([tokens[kind].astype(jnp.float32) for kind, _ in head.kinds], axis=-2)
-        logits = nn.Dense(max(head.bins, 1), kernel_init=SMALL, name=head.name)(nn.relu(own + each(rows)))
+        layer = partial(nn.Dense, self.net.width, dtype=jnp.dtype(self.net.compute))
+        own = layer(name=f"{head.name} own")(x)[..., None, :]
+        rows = jnp.concatenate([tokens[kind] for kind, _ in head.kinds], axis=-2)
+        each = layer(name=f"{head.name} entity", use_bias=False)(rows)
+        logits = self._last(max(head.bins, 1), head.name)(nn.relu(own + each))
         return logits.reshape(*x.shape[:-1], head.width)
+
+    def _last(self, width: int, name: str) -> nn.Dense:
+        """A last layer, which puts out float32 whatever it is given."""
+        dtype, product = jnp.dtype(self.net.compute), partial(jax.lax.dot_general, preferred_element_type=jnp.float32)
+        return nn.Dense(width, kernel_init=SMALL, dtype=dtype, dot_general=product, name=name)
 
 
 class Lidar(nn.Module):
-    """A circular convolution over rays (Baker et al.), written as one product with the matrix that it is."""
+    """A circular convolution over rays (Baker et al.), written as one product with the matrix that it is.
+
+    Attributes:
+        dtype: type of what it puts out.
+    """
+
+    dtype: Any
 
     @nn.compact
     def __call__(self, rays: jax.Array) -> jax.Array:
@@ -99,7 +111,7 @@ class Lidar(nn.Module):
         reads = np.stack([np.roll(np.eye(n, dtype=np.float32), i - KERNEL // 2, axis=0) for i in range(KERNEL)])
         product = jnp.einsum("kji,kcf->jcif", reads, kernel).reshape(n * c, n * FILTERS)
         found = rays.reshape(*rays.shape[:-2], n * c) @ product + jnp.tile(bias, n)
-        return nn.relu(found)
+        return nn.relu(found).astype(self.dtype)
 
 
 def _flat(
@@ -141,7 +153,7 @@ def _entities(
         everyone = nn.LayerNorm(dtype=dtype, name="norm entities")(everyone)
         everyone = nn.relu(nn.Dense(net.width, dtype=dtype, name="entities")(everyone))
         # The agent itself is always there, so that there is a greatest.
-        most = jnp.where(there[..., None], everyone, -jnp.inf).max(-2)
+        most = _greatest(everyone, there)
         pooled = [_mean(everyone, there), most]
     ends = [sum(sizes[: i + 1]) for i in range(len(sizes))]
     split = {k: everyone[..., end - n : end, :] for k, n, end in zip(names, sizes, ends, strict=True)}
@@ -151,6 +163,30 @@ def _entities(
 def _mean(x: jax.Array, there: jax.Array) -> jax.Array:
     weights = there[..., None].astype(x.dtype)
     return (x * weights).sum(-2) / (weights.sum(-2) + 1e-5)
+
+
+@jax.custom_vjp
+def _greatest(x: jax.Array, there: jax.Array) -> jax.Array:
+    """Returns the greatest (..., width) of entities (..., n, width) that are there.
+
+    Its gradient goes to each of those that are as great, where XLA's would be divided by their number, which takes one
+    more pass through them. As a rule there is one, or all are 0 after a relu, which passes no gradient on.
+    """
+    return jnp.where(there[..., None], x, -jnp.inf).max(-2)
+
+
+def _greatest_forward(x: jax.Array, there: jax.Array) -> tuple[jax.Array, Any]:
+    most = _greatest(x, there)
+    return most, (x, there, most)
+
+
+def _greatest_backward(kept: Any, gradient: jax.Array) -> tuple[jax.Array, None]:
+    x, there, most = kept
+    chosen = (x == most[..., None, :]) & there[..., None]
+    return jnp.where(chosen, gradient[..., None, :], 0), None
+
+
+_greatest.defvjp(_greatest_forward, _greatest_backward)
 
 
 def _attended(x: jax.Array, there: jax.Array, net: NetConfig, dtype: Any) -> jax.Array:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers import seeds
 
+from maax_mjx.training import nets
 from maax_mjx.training.actions import Head
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Network
@@ -265,3 +266,13 @@ def test_features_are_what_the_spec_says():
     features = SPEC.features({name: jnp.asarray(x) for name, x in obs.items()})
     wanted = SPEC.shapes(A)
     assert jax.tree.map(lambda x: (x.shape, x.dtype), features) == jax.tree.map(lambda x: (x.shape, x.dtype), wanted)
+
+
+def test_the_greatest_is_of_those_that_are_there_and_passes_its_gradient_to_it():
+    x = jax.random.normal(seeds.key(7), (50, 6, 8))
+    there = jax.random.bernoulli(seeds.key(8), 0.5, (50, 6)).at[:, 0].set(True)
+    weigh = jax.random.normal(seeds.key(9), (50, 8))
+    shown = np.where(there[..., None], x, -np.inf)
+    expected = np.where(np.arange(6)[:, None] == shown.argmax(1)[:, None], weigh[:, None], 0)
+    np.testing.assert_array_equal(nets._greatest(x, there), shown.max(1))
+    np.testing.assert_array_equal(jax.grad(lambda x: (nets._greatest(x, there) * weigh).sum())(x), expected)
