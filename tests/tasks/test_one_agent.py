@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import jax
 import numpy as np
 import pytest
@@ -38,11 +40,14 @@ def test_spaces_contain_what_one_agent_observes(observations, observe):
 
 
 TRANSFER = ("lock_and_return", "sequential_lock", "blueprint", "shelter", "object_counting", "lock_all")
+EVERY_MODE = [("raw", "self"), *product(("split", "flat", "ego"), ("self", "team", "all"))]
 
 
 @pytest.mark.parametrize("game", TRANSFER)
 def test_transfer_tasks_are_observed_in_every_mode(game):
-    for observations, observe in (("raw", "self"), ("flat", "all"), ("ego", "team")):
+    """Each in four of the ten modes, in turn, so that each mode has two games at least."""
+    first = TRANSFER.index(game) * 4
+    for observations, observe in (EVERY_MODE[(first + i) % len(EVERY_MODE)] for i in range(4)):
         env = maax.make(game, impl="c", observations=observations, observe=observe)
         arrays = {name: np.zeros(one.shape, one.dtype) for name, one in env.state_shape.obs.items()}
         assert env.observation_space.contains(arrays), (observations, observe)
