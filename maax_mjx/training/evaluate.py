@@ -190,13 +190,12 @@ def evaluate(
     worlds = Worlds(env, episodes, devices)
     mine = seated(player_of("policy", policy), env)
     # All of them before the first match, which takes minutes in some games.
-    others = [
-        mine if isinstance(one, str) and one == SELF else seated(player_of("against", one), env) for one in against
-    ]
+    played = [None if isinstance(one, str) and one == SELF else player_of("against", one) for one in against]
+    others = [mine if player is None else seated(player, env) for player in played]
     matches = []
     with progress(total=len(others) * len(names), unit="match", disable=not check_bool("bar", bar)) as shown:
-        for one, other in zip(against, others, strict=True):
-            name = one if isinstance(one, str) else repr(one)
+        for one, player, other in zip(against, played, others, strict=True):
+            name = _title(one, player)
             for team in names:
                 shown.set_description_str(f"{team} against {name}")
                 matches.append(_match(worlds, mine, other, team, name, seed))
@@ -245,6 +244,18 @@ def _past(argument: str, folder: str, steps: str) -> Policy:
     if not past:
         raise ValueError(f"{argument}: got {folder}, which has no past policies; takes the folder of a run")
     return Policy.load(min(past, key=lambda one: abs(one[0] - wanted))[1])
+
+
+def _title(given: Any, player: TrainedPolicy | Scripted | None) -> str:
+    """What tables call a player: a past policy by the steps that it has, which may not be those that were asked for."""
+    if not isinstance(given, str):
+        return repr(given)
+    folder, at, _ = given.rpartition("@")
+    if not at or Path(given).exists() or not isinstance(player, Policy):
+        return given
+    n = player.steps
+    unit, letter = next(((u, c) for u, c in ((1e9, "G"), (1e6, "M"), (1e3, "k")) if n >= u), (1, ""))
+    return f"{folder}@{n / unit:.4g}{letter}"
 
 
 class Seated(NamedTuple):

@@ -11,6 +11,7 @@ import pytest
 from flax import serialization
 
 from maax_mjx import training
+from maax_mjx.training.evaluate import _title
 from maax_mjx.training.shipped import FOLDER, file_of
 
 BYTES = 2_000_000
@@ -106,3 +107,11 @@ def test_all_opponents_are_looked_at_before_the_first_match(monkeypatch):
         training.evaluate("tag/trained", ["random", "chaes"], 2, env)
     with pytest.raises(ValueError, match=r"against: got 'random'; takes a list, such as \['random'\]"):
         training.evaluate("tag/trained", "random", 2, env)
+
+
+def test_a_past_policy_is_called_by_the_steps_that_it_has():
+    policy = training.Policy.load("quadrant/forts")
+    assert _title("runs/x@1G", policy) == f"runs/x@{policy.steps / 1e6:.4g}M"
+    assert _title("quadrant/forts", policy) == "quadrant/forts"
+    assert _title("chase", training.SCRIPTED["chase"]) == "chase"
+    assert _title(policy, policy) == repr(policy)
