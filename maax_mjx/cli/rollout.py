@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -25,6 +24,7 @@ from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import world_of
 from maax_mjx.parallel import Recording, Worlds, WorldsState
+from maax_mjx.parallel.memory import check_memory
 from maax_mjx.physics import impls
 from maax_mjx.training.evaluate import player_of
 from maax_mjx.training.opponents import Scripted
@@ -103,7 +103,7 @@ def _rollout(
 ) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
     policy = _without_memory(player, env) if isinstance(player, Scripted) else player
-    _check_memory(env, args.worlds)
+    check_memory("worlds", env, args.worlds)
     make_folder(args.out)
     worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
@@ -136,23 +136,6 @@ def _rollout(
     recording = Recording.of(frames)
     files = _write(args, overrides, env, states, first, recording)
     return _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
-
-
-def _check_memory(env: Environment, n_worlds: int) -> None:
-    """Refuses more worlds than the device has memory for: a system that runs out of it may end the process unasked.
-
-    Raises:
-        ValueError: states that alone fill the memory.
-    """
-    size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(env.state_shape))
-    device = jax.devices()[0]
-    stats = (device.memory_stats() or {}) if device.platform != "cpu" else {}
-    memory = stats.get("bytes_limit") or os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if n_worlds * size > memory:
-        raise ValueError(
-            f"worlds: got {n_worlds:,}; takes fewer than {memory // size:,}: states of {size / 1e3:.0f} kB each would "
-            f"fill the memory of {memory / 1e9:.0f} GB"
-        )
 
 
 Advance = Callable[[WorldsState, int, int], WorldsState]

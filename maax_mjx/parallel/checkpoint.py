@@ -7,7 +7,7 @@ import json
 import logging
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, overload
 
@@ -212,10 +212,13 @@ class Checkpoints:
         Raises:
             ValueError: a file that is not as it was written.
         """
-        try:
-            written = json.loads(self._sums(number).read_text())
-        except (OSError, ValueError):
+        file, written = self._sums(number), None
+        if not file.exists():
             return  # A save of an earlier version.
+        with suppress(OSError, ValueError):
+            written = json.loads(file.read_text())
+        if not isinstance(written, dict):
+            raise self._damaged(number, f"{file.name} is not as it was written")
         found = checksums(self.folder / str(number))
         if changed := sorted(name for name in {*written, *found} if written.get(name) != found.get(name)):
             raise self._damaged(number, f"{changed[0]} is not as it was written")

@@ -22,6 +22,7 @@ from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.faults import FaultKeeper
+from maax_mjx.parallel.memory import check_memory
 from maax_mjx.parallel.policy import Player, Policy, check_policy, is_player
 from maax_mjx.parallel.rollout import check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
@@ -55,7 +56,8 @@ class Worlds:
             `maax-mjx replay` show it. It takes memory for eight states of every world, and some per cent of the speed.
 
     Raises:
-        ValueError: an argument out of its range, or numbers of worlds and devices without equal shares.
+        ValueError: an argument out of its range, numbers of worlds and devices without equal shares, or worlds whose
+            states alone would fill the memory.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class Worlds:
         self._donate = (0,) if check_bool("donate", donate) else ()
         self.shards = Shards(self.n_worlds, devices, method)
         self.shape = self.shards.shape
+        check_memory("n_worlds", self.env, self.n_worlds, len(self.shards.devices))
         env.base.engine.check_devices(self.shards.n_local)
         self._keeper = None if keep_faults is None else FaultKeeper(env, keep_faults)
         compiled = self.shards.compile

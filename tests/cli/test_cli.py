@@ -137,6 +137,10 @@ def test_replay(played, kind, capsys):
         (["train", "tag", "--steps=10.5"], "steps: got '10.5'; takes a whole number"),
         (["train", "tag", "--minutes=ten"], "minutes: got 'ten'; takes a positive number, or None"),
         (["train", "tag", "--preset=nope"], "invalid choice 'nope' for argument '--preset'. Expected one of ("),
+        (
+            ["rollout", "tag", "--devices", "7"],
+            "maax-mjx: unrecognized or misplaced options: --devices 7; maax-mjx rollout --help lists what it takes",
+        ),
         (["rollout", "tag", "--n", "3"], "maax-mjx: unrecognized or misplaced options: --n 3; did you mean"),
         (["rollout", "tag", "--worlds"], "missing value for argument '--worlds'. Expected 1 values; maax-mjx rollout"),
         (["evaluate"], "missing from maax-mjx evaluate: STR A policy"),

@@ -401,3 +401,8 @@ def test_a_step_within_compiled_code_is_the_same(few, run):
     states, action = few.reset(run.key), few.sample_action(run.key)
     within = jax.jit(lambda states, action: few.step(states, action))(states, action)
     assert_close(host(within), host(few.step(states, action)))
+
+
+def test_worlds_that_would_fill_the_memory_are_refused_before_they_are_made(env):
+    with pytest.raises(ValueError, match=r"n_worlds: got 2,000,000,000; takes fewer than [\d,]+: states of"):
+        Worlds(env, 2_000_000_000)
