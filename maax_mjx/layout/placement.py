@@ -214,7 +214,8 @@ def separation_placement(radius: float) -> PlacementFn:
 def proximity_placement(radius: float, to: str) -> PlacementFn:
     """A placement at most `radius` metres from the object named `to`, such as "box0", centre to centre (thesis 4.3.3).
 
-    Anywhere in a world where that object is not in play.
+    Anywhere in a world where that object is not in play, and for that object itself, so that one placement serves all
+    objects of a module.
 
     Raises:
         ValueError: a radius that is not positive, or a name that is not a string; with `Base`, an object that there is

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import fields, replace
 from functools import cache
 
@@ -21,7 +22,9 @@ from maax_mjx.tasks.food import FoodConfig
 from maax_mjx.tasks.published import as_published
 from maax_mjx.wrappers import find
 
-N, N_ORACLE = 1_500, 3_000
+N = int(os.environ.get("MAAX_TEST_WORLDS", 1_500))
+"""Worlds of ours, a multiple of 500."""
+N_ORACLE = 2 * N
 P_MIN = 1e-4
 """The p-value of a whole table, by Bonferroni: its smallest one times their number."""
 GAMES = [QUADRANT, FULL]
