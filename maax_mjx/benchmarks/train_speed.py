@@ -48,7 +48,7 @@ class Config(Options):
         compute: types of the networks' layers.
         epochs: times that every step is used.
         minibatches: updates per epoch.
-        microbatches: parts of a minibatch, one after another; small ones stay in a GPU's cache.
+        microbatches: parts of a minibatch, one after another.
         preset: the other settings.
         policy: a trained policy, or the folder of a run, to play and train on with; its networks decide the encoder.
         turns: timed turns of `ppo.unroll` steps.
@@ -147,8 +147,7 @@ def measure(case: Case, config: Config) -> Row:
     if case.part != "env":
         settings |= {"net.encoder": case.encoder, "net.core": case.core, "net.compute": case.compute}
     if case.part == "train":
-        settings |= {"ppo.epochs": case.epochs, "ppo.minibatches": case.minibatches}
-        settings |= {"ppo.microbatches": case.microbatches}
+        settings |= {f"ppo.{name}": getattr(case, name) for name in ("epochs", "minibatches", "microbatches")}
     chosen = training.preset(config.preset, settings)
     turn, carry = {"env": stepped, "play": played, "train": trained}[case.part](worlds, chosen, config.policy)
     begun = time.perf_counter()

@@ -44,7 +44,7 @@ class Config(Options):
         core: memory of the networks.
         compute: types of the networks' layers.
         minibatches: updates in an epoch.
-        microbatches: parts of a minibatch, one after another; small ones stay in a GPU's cache.
+        microbatches: parts of a minibatch, one after another.
         chunk: steps of a row.
         preset: the other settings.
     """

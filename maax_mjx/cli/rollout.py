@@ -103,7 +103,7 @@ def _rollout(
 ) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
     policy = _without_memory(player, env) if isinstance(player, Scripted) else player
-    check_memory("worlds", env, args.worlds)
+    check_memory("worlds", env, args.worlds, jax.devices()[:1])
     make_folder(args.out)
     worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))

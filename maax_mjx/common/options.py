@@ -71,8 +71,10 @@ def sentence(box: str) -> str:
     # What was given is an option of another command where it is also what was meant.
     meant = dict.fromkeys(name for name in re.findall(OPTION, near, re.MULTILINE) if name not in said.split())
     hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
-    command = re.search(r"\(applied to (maax-mjx[\w -]*)\)", parts[0])
-    helped = next(filter(None, (re.search(r"(maax-mjx[\w -]*) --help", text) for text in (near, parts[-1]))), None)
-    # tyro names the command that was given only for some mistakes; its guesses are of any.
-    found = command or helped
-    return said[:1].lower() + said[1:] + hint + (f"; {found[1]} --help lists what it takes" if found else "")
+    # tyro names the command that was given for some mistakes alone; its guesses are of any.
+    command = (
+        re.search(r"\(applied to (maax-mjx[\w -]*)\)", parts[0])
+        or re.search(r"(maax-mjx[\w -]*) --help", near)
+        or re.search(r"(maax-mjx[\w -]*) --help", parts[-1])
+    )
+    return said[:1].lower() + said[1:] + hint + (f"; {command[1]} --help lists what it takes" if command else "")

@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 
 import jax
 
 from maax_mjx.core.env import Environment
 
-LEAST = 100_000
-"""Bytes of a state that no game has: as long as states of so many would fit, none is traced to be measured."""
+LARGE = 1_000_000
+"""Bytes of a large state. Where as many of these would fit, no state is traced to be measured."""
 
 
-def check_memory(argument: str, env: Environment, n_worlds: int, devices: int = 1) -> None:
+def check_memory(argument: str, env: Environment, n_worlds: int, devices: Sequence[jax.Device]) -> None:
     """Refuses more worlds than the devices have memory for.
 
     Args:
         argument: name of the argument that says how many worlds.
         env: their environment.
-        n_worlds: how many worlds.
-        devices: how many devices they are spread over; those of a CPU share its memory.
+        n_worlds: how many worlds, in equal shares on the devices.
+        devices: the devices, also those of other processes. Those of a CPU share its memory.
 
     Raises:
         ValueError: states that alone fill the memory.
     """
-    device = jax.devices()[0]
-    stats = (device.memory_stats() or {}) if device.platform != "cpu" else {}
+    # A process may ask its own devices alone.
+    mine = next(device for device in devices if device.process_index == jax.process_index())
+    stats = (mine.memory_stats() or {}) if mine.platform != "cpu" else {}
     limit = stats.get("bytes_limit")
-    memory = limit * devices if limit else os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if n_worlds * LEAST < memory:
+    memory = limit * len(devices) if limit else os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if n_worlds * LARGE < memory:
         return
     size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(env.state_shape))
     if n_worlds * size > memory:

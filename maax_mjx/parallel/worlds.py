@@ -77,7 +77,7 @@ class Worlds:
         self._donate = (0,) if check_bool("donate", donate) else ()
         self.shards = Shards(self.n_worlds, devices, method)
         self.shape = self.shards.shape
-        check_memory("n_worlds", self.env, self.n_worlds, len(self.shards.devices))
+        check_memory("n_worlds", self.env, self.n_worlds, self.shards.devices)
         env.base.engine.check_devices(self.shards.n_local)
         self._keeper = None if keep_faults is None else FaultKeeper(env, keep_faults)
         compiled = self.shards.compile

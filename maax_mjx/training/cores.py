@@ -153,11 +153,11 @@ def _written_out(
 def _forward(
     cell: Cell, x: jax.Array, kernel: jax.Array, bias: jax.Array, state: State, begins: jax.Array
 ) -> tuple[tuple[jax.Array, State], Any]:
-    narrow, outs, kept = kernel.astype(x.dtype), [], []
+    narrow, bias, outs, kept = kernel.astype(x.dtype), bias.astype(x.dtype), [], []
     for t in range(len(x)):
         state = _zeroed(state, begins[t])
         both = jnp.concatenate([x[t], state[-1].astype(x.dtype)], axis=-1)
-        gates = both @ narrow + bias.astype(x.dtype)
+        gates = both @ narrow + bias
         kept.append((both, gates, state[:-1]))
         state = cell.step(gates.astype(jnp.float32), state)
         outs.append(state[-1].astype(x.dtype))

@@ -25,6 +25,8 @@ from maax_mjx.training.ratings import LIKELY, Rating, Result, rate
 from maax_mjx.training.shipped import file_of, policies
 from maax_mjx.training.trained import TrainedPolicy
 
+UNITS = {"k": 10**3, "M": 10**6, "G": 10**9}
+"""Of steps, as in "50M"."""
 SELF = "self"
 """Name of the policy where it is its own opponent, and in ratings."""
 SHOWN = ("caught", "tags")
@@ -235,7 +237,7 @@ def _takes_players(argument: str) -> str:
 
 def _past(argument: str, folder: str, steps: str) -> Policy:
     """Returns a run's past policy nearest to a number of steps, such as "50M"."""
-    unit = {"k": 10**3, "M": 10**6, "G": 10**9}.get(steps[-1:], 1)
+    unit = UNITS.get(steps[-1:], 1)
     try:
         wanted = float(steps.rstrip("kMG")) * unit
     except ValueError:
@@ -253,9 +255,8 @@ def _title(given: Any, player: TrainedPolicy | Scripted | None) -> str:
     folder, at, _ = given.rpartition("@")
     if not at or Path(given).exists() or not isinstance(player, Policy):
         return given
-    n = player.steps
-    unit, letter = next(((u, c) for u, c in ((1e9, "G"), (1e6, "M"), (1e3, "k")) if n >= u), (1, ""))
-    return f"{folder}@{n / unit:.4g}{letter}"
+    letter = next((letter for letter in reversed(UNITS) if player.steps >= UNITS[letter]), "")
+    return f"{folder}@{player.steps / UNITS.get(letter, 1):.4g}{letter}"
 
 
 class Seated(NamedTuple):

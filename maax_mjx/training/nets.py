@@ -169,7 +169,7 @@ def _mean(x: jax.Array, there: jax.Array) -> jax.Array:
 def _greatest(x: jax.Array, there: jax.Array) -> jax.Array:
     """Returns the greatest (..., width) of entities (..., n, width) that are there.
 
-    Its gradient goes to each of those that are as great, where XLA's would be divided by their number, which takes one
+    Its gradient goes to each of those that are as great, where JAX divides it by their number, which takes one
     more pass through them. As a rule there is one, or all are 0 after a relu, which passes no gradient on.
     """
     return jnp.where(there[..., None], x, -jnp.inf).max(-2)

@@ -13,6 +13,7 @@ import pytest
 from helpers import seeds
 
 from maax_mjx import Agents, Base, Boxes, State, WallScenarios, Worlds, WorldsState, to_mjcf
+from maax_mjx.parallel.memory import check_memory
 
 N, FEW, HORIZON = 24, 12, 5
 STEPS = 3 * HORIZON
@@ -406,3 +407,14 @@ def test_a_step_within_compiled_code_is_the_same(few, run):
 def test_worlds_that_would_fill_the_memory_are_refused_before_they_are_made(env):
     with pytest.raises(ValueError, match=r"n_worlds: got 2,000,000,000; takes fewer than [\d,]+: states of"):
         Worlds(env, 2_000_000_000)
+
+
+def test_memory_is_that_of_all_devices_of_which_a_process_asks_its_own(env):
+    def of_another():
+        raise RuntimeError("not of this process")
+
+    other = SimpleNamespace(process_index=1, platform="gpu", memory_stats=of_another)
+    own = SimpleNamespace(process_index=0, platform="gpu", memory_stats=lambda: {"bytes_limit": 10**9})
+    check_memory("n_worlds", env, 1_000, [other, own])
+    with pytest.raises(ValueError, match="would fill the memory of 2 GB"):
+        check_memory("n_worlds", env, 10**8, [other, own])
