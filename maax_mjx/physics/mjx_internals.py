@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ import numpy as np
 from mujoco import mjx
 
 from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.physics.warp_hessian import LANES, SLOTS, repair_kernel
 
 VERSIONS = {"mujoco-mjx": ("3.17", "3.18"), "warp-lang": ("1.18", "1.20")}
 """Versions by package: the first minor one that fits, and the first that does not. `pyproject.toml` says the same."""
@@ -40,6 +41,14 @@ READ = {
         ("mujoco.mjx.warp.types", "DataWarp", ("naconmax", "naccdmax", "overflow", "contact__dist")),
         ("mujoco.mjx.warp.types", "OptionWarp", ("warn_overflow",)),
         ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", LOST_CONTACTS),
+        ("mujoco.mjx.third_party.mujoco_warp._src.types", "ConstraintState", ("QUADRATIC",)),
+        ("mujoco.mjx.third_party.mujoco_warp._src.types", "IntegratorType", ("DISCRETE",)),
+        (
+            "mujoco.mjx.third_party.mujoco_warp._src.types",
+            "SolverContext",
+            ("h", "quad_changed_ids", "quad_changed_count", "compact_m_full"),
+        ),
+        ("mujoco.mjx.third_party.mujoco_warp._src.solver", "_cholesky_factorize_solve", ()),
     ),
 }
 """Modules, names in them, and attributes of these, that the functions below read for an engine."""
@@ -222,3 +231,35 @@ def _lost_contacts_bits() -> int:
     from mujoco.mjx.third_party.mujoco_warp import OverflowType
 
     return sum(int(OverflowType[name]) for name in LOST_CONTACTS)
+
+
+@cache
+def repair_hessians() -> None:
+    """Has Warp's Newton solver repair its Hessian before it factorises it, in this process (see `warp_hessian`).
+
+    `_cholesky_factorize_solve` is replaced by a function that looks first; seen in MJX 3.17.0, where rows are
+    subtracted by `_update_gradient_incremental` alone, which then asks for worlds without changes to be skipped.
+    """
+    import warp
+    from mujoco.mjx.third_party.mujoco_warp._src import solver, types
+
+    factorise = solver._cholesky_factorize_solve
+    active = int(types.ConstraintState.QUADRATIC)
+
+    def repaired(m: Any, d: Any, ctx: Any, skip_unchanged: bool = False, skip_noflip: bool = False) -> None:
+        # MJX never packs the degrees of freedom that are awake, for which columns would have other numbers.
+        if skip_unchanged and ctx.compact_m_full is None:
+            discrete = m.opt.integrator == types.IntegratorType.DISCRETE
+            warp.launch(
+                repair_kernel(bool(m.is_sparse), active),
+                dim=(d.nworld, SLOTS, LANES),
+                inputs=[
+                    *(m.nv, m.M_elemid, d.qH if discrete else d.M, d.nefc),
+                    *(d.efc.J_rownnz, d.efc.J_rowadr, d.efc.J_colind, d.efc.J, d.efc.D, d.efc.state),
+                    *(ctx.quad_changed_ids, ctx.quad_changed_count),
+                ],
+                outputs=[ctx.h],
+            )
+        factorise(m, d, ctx, skip_unchanged=skip_unchanged, skip_noflip=skip_noflip)
+
+    solver._cholesky_factorize_solve = repaired

@@ -170,6 +170,8 @@ def _backward(
     steps, kernel, begins = kept
     d_out, d_state = gradients
     n, d_kernel, d_bias, d_x = len(kernel) // 2, jnp.zeros(kernel.shape), jnp.zeros(kernel.shape[1]), []
+    # Sums over rows as a product, of eight equal rows: a GPU's products read faster than XLA's sums do.
+    ones = jnp.ones((8, d_out[0, ..., 0].size), d_out.dtype)
     for t, (both, gates, others) in reversed(list(enumerate(steps))):
         d_state = (*d_state[:-1], d_state[-1] + d_out[t].astype(jnp.float32))
         state = (*others, both[..., n:].astype(jnp.float32))
@@ -177,7 +179,7 @@ def _backward(
         d_gates, d_before = pull(d_state)
         rows, d_rows = both.reshape(-1, 2 * n), d_gates.astype(gates.dtype).reshape(-1, 4 * n)
         d_kernel += jnp.matmul(rows.T, d_rows, preferred_element_type=jnp.float32)
-        d_bias += d_rows.sum(0, dtype=jnp.float32)
+        d_bias += jnp.matmul(ones, d_rows, preferred_element_type=jnp.float32)[0]
         d_both = (d_rows @ kernel.T).reshape(both.shape)
         d_x.append(d_both[..., :n])
         d_state = (*d_before[:-1], d_before[-1] + d_both[..., n:].astype(jnp.float32))

@@ -111,7 +111,7 @@ class Lidar(nn.Module):
         reads = np.stack([np.roll(np.eye(n, dtype=np.float32), i - KERNEL // 2, axis=0) for i in range(KERNEL)])
         product = jnp.einsum("kji,kcf->jcif", reads, kernel).reshape(n * c, n * FILTERS)
         found = rays.reshape(*rays.shape[:-2], n * c) @ product + jnp.tile(bias, n)
-        return nn.relu(found).astype(self.dtype)
+        return nn.relu(found.astype(self.dtype))
 
 
 def _flat(
@@ -122,7 +122,7 @@ def _flat(
     rows = [jnp.where(masks[k][..., None], x, 0.0).reshape(*lead, -1) for k, x in entities.items()]
     shown = [masks[k].astype(own.dtype) for k in entities]
     x = jnp.concatenate([own, *rows, *shown], axis=-1)
-    return nn.relu(nn.Dense(net.hidden, name="embed own")(x)).astype(dtype)
+    return nn.relu(nn.Dense(net.hidden, name="embed own")(x).astype(dtype))
 
 
 def _entities(
@@ -134,14 +134,15 @@ def _entities(
         (..., k) and the entities' embeddings by kind.
     """
     # A layer of the agent and an entity joined, of which the agent's part is the same for all entities of a kind.
-    first = nn.relu(nn.Dense(net.width, name="embed own")(own)).astype(dtype)
+    # First layers add up in float32, and all that is kept for their gradients is in the type of the layers.
+    first = nn.relu(nn.Dense(net.width, name="embed own")(own).astype(dtype))
     # Published is what the agent observes; its embedding says as much, and is a quarter as wide.
     joined, numbers = (own, jnp.float32) if net.encoder == "attend" else (first, dtype)
     tokens = {}
     for kind, x in entities.items():
         mine = nn.Dense(net.width, use_bias=False, dtype=numbers, name=f"embed own for {kind}")(joined)
-        each = nn.Dense(net.width, name=f"embed {kind}")(jnp.where(masks[kind][..., None], x, 0.0))
-        tokens[kind] = nn.relu(each + mine[..., None, :].astype(each.dtype)).astype(dtype)
+        each = nn.Dense(net.width, name=f"embed {kind}")(jnp.where(masks[kind][..., None], x, 0.0)).astype(dtype)
+        tokens[kind] = nn.relu(each + mine[..., None, :].astype(dtype))
     names, sizes = list(tokens), [x.shape[-2] for x in tokens.values()]
     everyone = jnp.concatenate([*tokens.values(), first[..., None, :]], axis=-2)
     there = jnp.concatenate([*(masks[k] for k in names), jnp.ones((*own.shape[:-1], 1), bool)], axis=-1)
