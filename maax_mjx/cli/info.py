@@ -166,7 +166,7 @@ def of_preset(name: str) -> dict[str, Any]:
     config = PRESETS[name]
     settings = _fields(config)
     settings |= {f"env.{field}": value for field, value in settings.pop("env").items()}
-    kinds = (type(part) for part in (config, config.ppo, config.net, config.league))
+    kinds = (type(part) for part in (config, config.ppo, config.net, config.league, config.visited))
     return {
         "preset": name,
         "settings": settings,

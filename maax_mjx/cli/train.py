@@ -26,7 +26,7 @@ REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
-GROUPS = ("ppo", "net", "league")
+GROUPS = ("ppo", "net", "league", "visited")
 """Groups of settings, set as in --ppo.lr 3e-4."""
 KEPT = ("save_minutes", "save_worlds", "tensorboard")
 """Options that are settings of the run, which keeps them when it goes on."""
@@ -148,7 +148,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     game, settings = about["game"], about["settings"]
     if game is None:
         raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
-    was = {f"{group}.{name}": str(value) for group in GROUPS for name, value in settings[group].items()}
+    was = {f"{group}.{name}": str(value) for group in GROUPS for name, value in settings.get(group, {}).items()}
     gone_on = replace(
         args,
         game=game["game"],

@@ -31,6 +31,20 @@ class Upcoming(struct.PyTreeNode):
     stale: jax.Array
 
 
+class Visited(struct.PyTreeNode):
+    """States from the middle of episodes, with which episodes may begin instead of what was drawn.
+
+    Attributes:
+        state: (k, ...) the states, without what an engine carries.
+        index: (n_worlds,) int32, the state with which a world would begin.
+        taken: (n_worlds,) bool, whether it does if its episode ends at this step.
+    """
+
+    state: State
+    index: jax.Array
+    taken: jax.Array
+
+
 class WorldsState(State):
     """The states of a batch; every field of `State` has a leading axis (n_worlds,).
 
@@ -102,12 +116,22 @@ def begin(
             "contact_overflow": zeros,
         },
         seed=seed,
-        upcoming=Upcoming(state=_without_engine(second), stale=jnp.zeros(n, bool)),
+        upcoming=Upcoming(state=without_engine(second), stale=jnp.zeros(n, bool)),
     )
 
 
-def advance(env: Environment, states: WorldsState, action: Any, watch: Watch | None = None) -> WorldsState:
-    """Steps all worlds once, and begins the next episode where one ended; `watch` sees the step."""
+def advance(
+    env: Environment, states: WorldsState, action: Any, watch: Watch | None = None, visited: Visited | None = None
+) -> WorldsState:
+    """Steps all worlds once, and begins the next episode where one ended.
+
+    Args:
+        env: the environment.
+        states: the worlds' states.
+        action: with a leading axis (n_worlds,).
+        watch: sees the step.
+        visited: with what episodes begin instead; what was drawn for them is kept for the next one.
+    """
     stepped = strong(jax.vmap(env.step)(plain(states), action))
     done = stepped.done
     # The first step after an episode's end restarts the sums.
@@ -115,8 +139,10 @@ def advance(env: Environment, states: WorldsState, action: Any, watch: Watch | N
 
     @jax.named_scope("reset")
     def begin_next(stepped: State, upcoming: Upcoming) -> tuple[State, Upcoming]:
-        upcoming = _draw_next(env, upcoming, states, urgent=done & upcoming.stale)
-        return _merge(env, stepped, upcoming.state, done), upcoming.replace(stale=upcoming.stale | done)
+        used = done if visited is None else done & ~visited.taken
+        upcoming = _draw_next(env, upcoming, states, urgent=used & upcoming.stale)
+        fresh = upcoming.state if visited is None else _with_visited(upcoming.state, stepped, visited)
+        return _merge(env, stepped, fresh, done), upcoming.replace(stale=upcoming.stale | used)
 
     current, upcoming = jax.lax.cond(done.any(), begin_next, lambda *same: same, stepped, states.upcoming)
     counts = {
@@ -155,7 +181,7 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
         picked_rank, picked = jax.lax.top_k(rank, chunk)
         keys = _episode_key(states.seed[picked], states.counts["episodes"][picked] + 1)
         params = jax.tree.map(lambda x: x[picked], states.params)
-        drawn = _without_engine(jax.vmap(env.reset)(keys, params))
+        drawn = without_engine(jax.vmap(env.reset)(keys, params))
         # Worlds that only fill up the chunk are not stale and keep their beginnings.
         target = jnp.where(picked_rank > 0, picked, n)
         source = jnp.full(n, -1).at[target].set(jnp.arange(chunk), mode="drop")
@@ -166,9 +192,15 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
     return jax.lax.while_loop(wanting, draw_chunk, upcoming)
 
 
+def _with_visited(drawn: State, stepped: State, visited: Visited) -> State:
+    """Returns beginnings, visited ones where they are taken, which go on with the world's own key."""
+    rows = jax.tree.map(lambda x: x[visited.index], visited.state).replace(key=stepped.key)
+    return jax.tree.map(partial(_where, visited.taken), rows, drawn)
+
+
 def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> State:
     """Returns `stepped`, with the next episode's beginning where one is done; the step's results stay."""
-    merged = jax.tree.map(partial(_where, done), fresh, _without_engine(stepped))
+    merged = jax.tree.map(partial(_where, done), fresh, without_engine(stepped))
     engine = jax.vmap(env.base.engine.renew)(stepped.data.engine, done)
     return merged.replace(
         data=merged.data.replace(engine=engine),
@@ -193,6 +225,6 @@ def _episode_key(seed: jax.Array, episode: jax.Array) -> jax.Array:
     return jax.vmap(jax.random.fold_in)(seed, episode)
 
 
-def _without_engine(state: State) -> State:
+def without_engine(state: State) -> State:
     """Removes what an engine carries: it belongs to the running batch and is never part of a stored world."""
     return state.replace(data=state.data.replace(engine=()))

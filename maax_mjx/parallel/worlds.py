@@ -20,7 +20,7 @@ from maax_mjx.common.spaces import check_action
 from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import check_fits
-from maax_mjx.parallel.episodes import WorldsState, advance, begin, stale_under
+from maax_mjx.parallel.episodes import Visited, WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.faults import FaultKeeper
 from maax_mjx.parallel.memory import check_memory
 from maax_mjx.parallel.policy import Player, Policy, check_policy, is_player
@@ -249,9 +249,15 @@ class Worlds:
         """Draws worlds as `reset` does, as a pure function for use in traced code; params have leaves (n_worlds, 2)."""
         return self._begin(jnp.arange(self.n_worlds), key, params, stagger)
 
-    def step_fn(self, states: WorldsState, action: Any) -> WorldsState:
-        """Steps any number of worlds as `step` does, as a pure function for use in traced code."""
-        return advance(self.env, states, action, None if self._keeper is None else self._keeper.watch)
+    def step_fn(self, states: WorldsState, action: Any, visited: Visited | None = None) -> WorldsState:
+        """Steps any number of worlds as `step` does, as a pure function for use in traced code.
+
+        Args:
+            states: their states.
+            action: what their agents do.
+            visited: states with which episodes that end here begin again, instead of what was drawn.
+        """
+        return advance(self.env, states, action, None if self._keeper is None else self._keeper.watch, visited)
 
     def with_env(self, env: Environment) -> Worlds:
         """Returns as many worlds of another environment, on the same devices and with the same settings."""

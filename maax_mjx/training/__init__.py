@@ -2,7 +2,7 @@
 
 from maax_mjx.training.bar import Bar
 from maax_mjx.training.begin import environment_of
-from maax_mjx.training.config import PRESETS, LeagueConfig, NetConfig, PPOConfig, TrainConfig, preset
+from maax_mjx.training.config import PRESETS, LeagueConfig, NetConfig, PPOConfig, TrainConfig, VisitedConfig, preset
 from maax_mjx.training.evaluate import Estimate, Evaluation, Match, as_json, evaluate, player_of
 from maax_mjx.training.interventions import INTERVENTIONS, intervened
 from maax_mjx.training.openai import OpenAIPolicy
@@ -35,6 +35,7 @@ __all__ = [
     "TrainConfig",
     "TrainedPolicy",
     "Trainer",
+    "VisitedConfig",
     "as_json",
     "environment_of",
     "evaluate",

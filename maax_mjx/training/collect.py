@@ -17,6 +17,7 @@ from maax_mjx.training.league import Opponents, frozen_actions
 from maax_mjx.training.network import Memory, Network, Weights
 from maax_mjx.training.returns import ValueScale
 from maax_mjx.training.spec import Features
+from maax_mjx.training.visited import Archive
 
 FAULT = "physics_fault"
 
@@ -37,6 +38,7 @@ class Batch(struct.PyTreeNode):
         counts: bool, whether the critic learns from it.
         metrics: (n_steps, n_worlds, ...) numbers of the game, by name.
         total: (n_steps, n_worlds, n_agents) reward of the episode so far.
+        visited: (n_steps, n_worlds) bool, whether the episode began with a visited state.
     """
 
     features: Features
@@ -53,13 +55,21 @@ class Batch(struct.PyTreeNode):
     counts: jax.Array
     metrics: dict[str, jax.Array]
     total: jax.Array
+    visited: jax.Array
 
 
 class Remembered(struct.PyTreeNode):
-    """The memories of the networks and of past opponents; `opponents` is () without."""
+    """What is remembered of worlds beside their states.
+
+    Attributes:
+        own: memory of the networks.
+        opponents: memory of past opponents; () without.
+        archive: visited states with which episodes begin; () without.
+    """
 
     own: Memory
     opponents: Any
+    archive: Any = ()
 
 
 def collect(
@@ -72,6 +82,7 @@ def collect(
     memory: Remembered,
     key: jax.Array,
     ppo: PPOConfig,
+    share: float = 0.0,
 ) -> tuple[WorldsState, Remembered, Batch, Memory]:
     """Plays some steps.
 
@@ -84,12 +95,16 @@ def collect(
         memory: what is remembered of them.
         key: key of this iteration.
         ppo: the settings.
+        share: share of the episodes that begin with a visited state of `memory.archive`.
 
     Returns:
         The states and memories after the steps; what happened, (n_steps, n_worlds, ...); and the networks' memories
         before every chunk, (n_steps / chunk, n_worlds, ...).
     """
     keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
+    archive: Archive | None = memory.archive if share else None
+    # Inside of the loop there is only what changes.
+    memory = memory.replace(archive=jnp.zeros_like(states.done) if archive is None else archive.begun)
 
     Carry = tuple[WorldsState, Remembered]
 
@@ -107,7 +122,9 @@ def collect(
         frozen = memory.opponents
         if opponents is not None:
             action, theirs, frozen = frozen_actions(network, opponents, now, begins, frozen, action, draws)
-        after = worlds.step_fn(states, action)
+        visited = None if archive is None else archive.beginnings(states, share, draws)
+        after = worlds.step_fn(states, action, visited)
+        begun = memory.archive if visited is None else jnp.where(after.done, visited.taken, memory.archive)
         fault = after.metrics[FAULT]
         cut = jnp.zeros_like(value[0])
         if ppo.bootstrap == "horizon":
@@ -129,8 +146,9 @@ def collect(
             counts=playing & ~theirs & ~fault[:, None],
             metrics=after.metrics,
             total=after.episode_return,
+            visited=memory.archive,
         )
-        return (after, Remembered(Memory(actor, critic), frozen)), batch
+        return (after, Remembered(Memory(actor, critic), frozen, begun)), batch
 
     def run(carry: Carry, times: jax.Array) -> tuple[Carry, tuple[Batch, Memory]]:
         before = carry[1].own
@@ -139,6 +157,7 @@ def collect(
 
     times = jnp.arange(ppo.unroll).reshape(-1, ppo.chunk)
     (states, now), (batch, before) = jax.lax.scan(run, (states, memory), times)
+    now = now.replace(archive=() if archive is None else archive.replace(begun=now.archive))
     return states, now, jax.tree.map(lambda x: x.reshape(ppo.unroll, *x.shape[2:]), batch), before
 
 

@@ -99,6 +99,21 @@ class LeagueConfig(Config):
 
 
 @dataclass(frozen=True)
+class VisitedConfig(Config):
+    """Visited states as beginnings: some episodes begin in the middle of earlier ones, where the critic was wrong.
+
+    Attributes:
+        share: share of the episodes that begin so; 0 is without. Metrics of episodes are those of the others.
+        size: states that are kept, on all devices together.
+        stay: iterations for which a state is kept; `size / stay` new ones come with every iteration.
+    """
+
+    share: Annotated[float, Bounds(0, 0.9)] = 0.0
+    size: PositiveCount = 8192
+    stay: PositiveCount = 16
+
+
+@dataclass(frozen=True)
 class TrainConfig(Config):
     """All settings of a run but its game.
 
@@ -108,7 +123,7 @@ class TrainConfig(Config):
         save_worlds: whether saves have the worlds as well, so that the run goes on bit for bit; the
             state of a world and its next episode take some 13 kB in `hide_and_seek_quadrant`.
         tensorboard: whether metrics are written for TensorBoard as well, with the extra "tensorboard".
-        ppo, net, league: see there.
+        ppo, net, league, visited: see there.
         env: fields of the game's config that the preset sets, where the game has them.
     """
 
@@ -119,6 +134,7 @@ class TrainConfig(Config):
     ppo: PPOConfig = PPOConfig()
     net: NetConfig = NetConfig()
     league: LeagueConfig = LeagueConfig()
+    visited: VisitedConfig = VisitedConfig()
     env: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -169,9 +185,15 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
 
     Raises:
         ValueError: numbers that do not divide what they must: chunks, heads, and worlds that do not fall into equal
-            minibatches on all devices.
+            minibatches on all devices; and an archive of visited states with none for a device's iteration, or more
+            than it has worlds.
     """
-    ppo, net = config.ppo, config.net
+    ppo, net, visited = config.ppo, config.net, config.visited
+    if visited.share and (visited.size % (n_devices * visited.stay) or visited.size // visited.stay > config.worlds):
+        raise ValueError(
+            f"visited.size: got {visited.size} with visited.stay {visited.stay} and {config.worlds} worlds on "
+            f"{n_devices} devices; takes a multiple of stay and devices, at most stay times the worlds"
+        )
     if ppo.unroll % ppo.chunk:
         raise ValueError(f"ppo.chunk: got {ppo.chunk}; takes a divisor of ppo.unroll, {ppo.unroll}")
     if net.width % net.heads:

@@ -20,6 +20,7 @@ from maax_mjx.training.league import Opponents
 from maax_mjx.training.network import Network, Weights, updated
 from maax_mjx.training.ppo import Mean, Updates, joined, optimiser, rows_of, update
 from maax_mjx.training.returns import ValueScale, advantages
+from maax_mjx.training.visited import looked_at, surprise
 
 
 class Learner(struct.PyTreeNode):
@@ -105,7 +106,13 @@ def iterate(
     """
     ppo, weights, scale = config.ppo, learner.weights, learner.scale
     play, shuffle = jax.random.split(key)
-    states, memory, batch, before = collect(worlds, network, weights, opponents, index, states, memory, play, ppo)
+    share = config.visited.share
+    if share:
+        look, choose = jax.random.split(jax.random.fold_in(key, index[0]))
+        seen, where, n_new = looked_at(states, config.visited, len(memory.archive.there), look)
+    states, memory, batch, before = collect(
+        worlds, network, weights, opponents, index, states, memory, play, ppo, share
+    )
     value = scale.denormalised(batch.value)
     nexts = jnp.concatenate([value[1:], last_value(network, weights, scale, states, memory)[None]])
     per_agent = partial(jnp.broadcast_to, shape=value.shape)
@@ -113,6 +120,9 @@ def iterate(
     after = jnp.where(last, scale.denormalised(batch.after), nexts)
     gain = advantages(batch.reward, value, after, end, last, fault, ppo.gamma, ppo.lam)
     returns = gain + value
+    if share:
+        score = surprise(gain[0], batch.counts[0])[where]
+        memory = memory.replace(archive=memory.archive.kept(seen, score, n_new, choose))
     scale, weights = _rescaled(scale, weights, returns, batch.counts, mean)
     gain = _standardised(gain, batch.acts, network, ppo.advantage, mean)
     rows = rows_of(batch, before, gain, scale.normalised(returns), ppo.chunk)
@@ -125,7 +135,7 @@ def iterate(
 
     now, info = jax.lax.scan(learn, now, order)
     weights = now.weights.replace(norm=updated(now.weights.norm, batch.features, mean))
-    played = _metrics(network, batch, value, returns, mean, len(worlds.shards.devices))
+    played = metrics_of(network, batch, value, returns, mean, len(worlds.shards.devices))
     metrics = {name: x.mean() for name, x in info.items()} | played
     return Learner(weights, now.moments, scale, now.broken), states, memory, metrics
 
@@ -182,12 +192,12 @@ def _order(key: jax.Array, first: jax.Array, groups: int, n_rows: int, config: T
     )
 
 
-def _metrics(
+def metrics_of(
     network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean, n_devices: int
 ) -> dict[str, jax.Array]:
     """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it."""
     over: dict[str, tuple[jax.Array, jax.Array]] = {}
-    done = batch.last
+    done = batch.last & ~batch.visited
     for i, (team, _) in enumerate(network.teams):
         mine = network.team_index == i
         acts, counts = batch.acts & mine, batch.counts & mine
@@ -209,5 +219,5 @@ def _metrics(
         spread = means.pop(f"square {team}") - means.pop(f"target {team}") ** 2
         means[f"explained_{team}"] = 1 - error / jnp.maximum(spread, 1e-8)
     # What is counted on each device is averaged over them.
-    counted = {"episodes": done, "faults": batch.fault}
+    counted = {"episodes": batch.last, "faults": batch.fault}
     return means | mean({name: n_devices * x.sum(dtype=jnp.float32) for name, x in counted.items()})

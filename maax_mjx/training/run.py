@@ -28,6 +28,7 @@ from maax_mjx.training.league import League
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
+from maax_mjx.training.visited import Archive
 from maax_mjx.wrappers.split import declared_table
 
 BROKEN = 10
@@ -245,7 +246,9 @@ class Trainer:
         if league.share:
             block = round(league.share * shards.per_device / league.groups)
             opponents = self.network.memory(block * league.groups * len(shards.devices)).actor
-        return Remembered(self.network.memory(self.config.worlds), opponents)
+        visited, n_worlds = self.config.visited, self.config.worlds
+        archive: Any = Archive.empty(self.env, visited.size, n_worlds) if visited.share else ()
+        return Remembered(self.network.memory(n_worlds), opponents, archive)
 
     def _restore(self) -> None:
         """Takes over the newest save: the whole one with as many worlds, else what was learnt, with new worlds."""

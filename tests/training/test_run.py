@@ -22,7 +22,8 @@ from maax_mjx import training
 ROOT = Path(__file__).parents[2]
 SMALL = {
     "net.encoder": "flat", "net.core": "gru", "net.hidden": 8, "net.share": "all", "ppo.unroll": 4, "ppo.chunk": 2,
-    "ppo.minibatches": 2, "ppo.epochs": 1, "league.every": 2,
+    "ppo.minibatches": 2, "ppo.epochs": 1, "league.every": 2, "visited.share": 0.5, "visited.size": 16,
+    "visited.stay": 4,
 }  # fmt: skip
 PLAIN = SMALL | {"net.core": "none", "ppo.minibatches": 1}
 """For the engine that compiles slowly: memories and the order of minibatches are those of any engine."""
