@@ -54,7 +54,7 @@ from maax_mjx.modules import (  # noqa: E402
     WallScenarios,
     WorldConstants,
 )
-from maax_mjx.parallel import Checkpoints, Recording, Worlds, WorldsState, load_fault  # noqa: E402
+from maax_mjx.parallel import Checkpoints, Recording, Visited, Worlds, WorldsState, load_fault  # noqa: E402
 from maax_mjx.parallel.curriculum import Curriculum  # noqa: E402
 from maax_mjx.physics import MissingLibraryError, NotDifferentiableError, register_engine  # noqa: E402
 from maax_mjx.tasks import (  # noqa: E402
@@ -219,6 +219,7 @@ __all__ = [
     "TeamMembership",
     "TrackStats",
     "TrackTools",
+    "Visited",
     "WallScenarios",
     "WorldConfig",
     "WorldConstants",

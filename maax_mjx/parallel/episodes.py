@@ -35,7 +35,7 @@ class Visited(struct.PyTreeNode):
     """States from the middle of episodes, with which episodes may begin instead of what was drawn.
 
     Attributes:
-        state: (k, ...) the states, without what an engine carries.
+        state: (k, ...) the states: rows of a batch's states, as they were at any step.
         index: (n_worlds,) int32, the state with which a world would begin.
         taken: (n_worlds,) bool, whether it does if its episode ends at this step.
     """
@@ -194,7 +194,8 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
 
 def _with_visited(drawn: State, stepped: State, visited: Visited) -> State:
     """Returns beginnings, visited ones where they are taken, which go on with the world's own key."""
-    rows = jax.tree.map(lambda x: x[visited.index], visited.state).replace(key=stepped.key)
+    given = without_engine(plain(visited.state))
+    rows = jax.tree.map(lambda x: x[visited.index], given).replace(key=stepped.key)
     return jax.tree.map(partial(_where, visited.taken), rows, drawn)
 
 
