@@ -140,7 +140,8 @@ def advance(
     @jax.named_scope("reset")
     def begin_next(stepped: State, upcoming: Upcoming) -> tuple[State, Upcoming]:
         used = done if visited is None else done & ~visited.taken
-        upcoming = _draw_next(env, upcoming, states, urgent=used & upcoming.stale)
+        # Drawn for those that begin with a visited state, too: a world's draws never depend on its neighbours.
+        upcoming = _draw_next(env, upcoming, states, urgent=done & upcoming.stale)
         fresh = upcoming.state if visited is None else _with_visited(upcoming.state, stepped, visited)
         return _merge(env, stepped, fresh, done), upcoming.replace(stale=upcoming.stale | used)
 

@@ -255,7 +255,7 @@ class Worlds:
         Args:
             states: their states.
             action: what their agents do.
-            visited: states with which episodes that end here begin again, instead of what was drawn.
+            visited: states with which the next episodes begin where one ends here, instead of what was drawn.
         """
         return advance(self.env, states, action, None if self._keeper is None else self._keeper.watch, visited)
 

@@ -247,14 +247,15 @@ def repair_hessians() -> None:
     active = int(types.ConstraintState.QUADRATIC)
 
     def repaired(m: Any, d: Any, ctx: Any, skip_unchanged: bool = False, skip_noflip: bool = False) -> None:
-        # MJX never packs the degrees of freedom that are awake, for which columns would have other numbers.
-        if skip_unchanged and ctx.compact_m_full is None:
-            discrete = m.opt.integrator == types.IntegratorType.DISCRETE
+        # Not with the discrete integrator, whose Hessian has more terms, nor where columns have other numbers since
+        # degrees of freedom that are awake are packed, as MJX never does.
+        discrete = m.opt.integrator == types.IntegratorType.DISCRETE
+        if skip_unchanged and not discrete and ctx.compact_m_full is None:
             warp.launch(
                 repair_kernel(bool(m.is_sparse), active),
                 dim=(d.nworld, SLOTS, LANES),
                 inputs=[
-                    *(m.nv, m.M_elemid, d.qH if discrete else d.M, d.nefc),
+                    *(m.nv, m.M_elemid, d.M, d.nefc),
                     *(d.efc.J_rownnz, d.efc.J_rowadr, d.efc.J_colind, d.efc.J, d.efc.D, d.efc.state),
                     *(ctx.quad_changed_ids, ctx.quad_changed_count),
                 ],

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import field_names
-from maax_mjx.training.config import TrainConfig
+from maax_mjx.training.config import TrainConfig, VisitedConfig
 from maax_mjx.training.folder import Folder
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
@@ -79,6 +79,20 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
                 f"folder: got {folder.path}, which has a run with {_other(name, was.get(name), about[name])}; takes "
                 "that run's, or another folder (--out)"
             )
+
+
+def check_same_visited(folder: Folder, visited: VisitedConfig) -> None:
+    """Refuses to go on from a save of the worlds with other visited states than it has.
+
+    Raises:
+        ValueError: none where there were some, some where there were none, or another number of them.
+    """
+    was = VisitedConfig(**folder.about()["settings"].get("visited", {}))
+    if (bool(was.share), was.size if was.share else 0) != (bool(visited.share), visited.size if visited.share else 0):
+        raise ValueError(
+            f"visited: got share={visited.share}, size={visited.size} for {folder.path}, whose save has visited states "
+            f"of share={was.share}, size={was.size}; takes the same, or a new run that begins with its policy (--from)"
+        )
 
 
 def _other(name: str, was: Any, now: Any) -> str:

@@ -103,13 +103,12 @@ def collect(
     """
     keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(index)
     archive: Archive | None = memory.archive if share else None
-    # Inside of the loop there is only what changes.
-    memory = memory.replace(archive=jnp.zeros_like(states.done) if archive is None else archive.begun)
+    begun = jnp.zeros_like(states.done) if archive is None else archive.begun
 
-    Carry = tuple[WorldsState, Remembered]
+    Carry = tuple[WorldsState, Remembered, jax.Array]
 
     def step(carry: Carry, t: jax.Array) -> tuple[Carry, Batch]:
-        states, memory = carry
+        states, memory, begun = carry
         features = network.spec.features(states.obs)
         now, begins = jax.tree.map(lambda x: x[None], (features, states.done))
         out, actor = network.actor(weights, now, memory.own.actor, begins)
@@ -124,7 +123,6 @@ def collect(
             action, theirs, frozen = frozen_actions(network, opponents, now, begins, frozen, action, draws)
         visited = None if archive is None else archive.beginnings(states, share, draws)
         after = worlds.step_fn(states, action, visited)
-        begun = memory.archive if visited is None else jnp.where(after.done, visited.taken, memory.archive)
         fault = after.metrics[FAULT]
         cut = jnp.zeros_like(value[0])
         if ppo.bootstrap == "horizon":
@@ -146,9 +144,11 @@ def collect(
             counts=playing & ~theirs & ~fault[:, None],
             metrics=after.metrics,
             total=after.episode_return,
-            visited=memory.archive,
+            visited=begun,
         )
-        return (after, Remembered(Memory(actor, critic), frozen, begun)), batch
+        if visited is not None:
+            begun = jnp.where(after.done, visited.taken, begun)
+        return (after, Remembered(Memory(actor, critic), frozen), begun), batch
 
     def run(carry: Carry, times: jax.Array) -> tuple[Carry, tuple[Batch, Memory]]:
         before = carry[1].own
@@ -156,8 +156,9 @@ def collect(
         return carry, (batch, before)
 
     times = jnp.arange(ppo.unroll).reshape(-1, ppo.chunk)
-    (states, now), (batch, before) = jax.lax.scan(run, (states, memory), times)
-    now = now.replace(archive=() if archive is None else archive.replace(begun=now.archive))
+    start = states, memory.replace(archive=()), begun
+    (states, now, begun), (batch, before) = jax.lax.scan(run, start, times)
+    now = now.replace(archive=() if archive is None else archive.replace(begun=begun))
     return states, now, jax.tree.map(lambda x: x.reshape(ppo.unroll, *x.shape[2:]), batch), before
 
 

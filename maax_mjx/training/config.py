@@ -156,6 +156,7 @@ PRESETS: dict[str, TrainConfig] = {
         ppo=PPOConfig(unroll=40, chunk=20, epochs=2, minibatches=4, lr=1e-3, gamma=0.95, lam=0.9, entropy=0.003),
         net=NetConfig(core="none", share="team", width=32, hidden=64),
         league=LeagueConfig(share=0.25, every=25),
+        visited=VisitedConfig(size=256),
         env=EGO | {"impl": "c"},
     ),
     "baker": TrainConfig(
@@ -185,8 +186,8 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
 
     Raises:
         ValueError: numbers that do not divide what they must: chunks, heads, and worlds that do not fall into equal
-            minibatches on all devices; and an archive of visited states with none for a device's iteration, or more
-            than it has worlds.
+            minibatches on all devices; and visited states of which no equal number comes with every iteration on
+            every device, or more than there are worlds.
     """
     ppo, net, visited = config.ppo, config.net, config.visited
     if visited.share and (visited.size % (n_devices * visited.stay) or visited.size // visited.stay > config.worlds):

@@ -105,11 +105,11 @@ def iterate(
         states, memory: of this device's worlds.
     """
     ppo, weights, scale = config.ppo, learner.weights, learner.scale
-    play, shuffle = jax.random.split(key)
+    play, shuffle, pick = jax.random.split(key, 3)
     share = config.visited.share
     if share:
-        look, choose = jax.random.split(jax.random.fold_in(key, index[0]))
-        seen, where, n_new = looked_at(states, config.visited, len(memory.archive.there), look)
+        look, choose = jax.random.split(jax.random.fold_in(pick, index[0]))
+        seen, where, n_new = looked_at(states, config.visited.stay, len(memory.archive.there), look)
     states, memory, batch, before = collect(
         worlds, network, weights, opponents, index, states, memory, play, ppo, share
     )

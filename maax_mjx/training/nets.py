@@ -134,7 +134,7 @@ def _entities(
         (..., k) and the entities' embeddings by kind.
     """
     # A layer of the agent and an entity joined, of which the agent's part is the same for all entities of a kind.
-    # First layers add up in float32, and all that is kept for their gradients is in the type of the layers.
+    # Products of first layers add up in float32; what they put out, and sums of it, have the type of the layers.
     first = nn.relu(nn.Dense(net.width, name="embed own")(own).astype(dtype))
     # Published is what the agent observes; its embedding says as much, and is a quarter as wide.
     joined, numbers = (own, jnp.float32) if net.encoder == "attend" else (first, dtype)

@@ -19,7 +19,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
-from maax_mjx.training.begin import check_same, environment_of, taken_over
+from maax_mjx.training.begin import check_same, check_same_visited, environment_of, taken_over
 from maax_mjx.training.collect import Remembered
 from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
@@ -187,9 +187,8 @@ class Trainer:
         saves = Checkpoints(self.folder.path / SAVES)
         if self.config.save_worlds and (saves.latest is None or saves.latest < self.iteration):
             counts = _counts(self.steps, self.seconds)
-            saves.save(
-                self.iteration, self.worlds, self.states, learner=self.learner, memory=self.memory, counts=counts
-            )
+            memory = _parts(self.memory)
+            saves.save(self.iteration, self.worlds, self.states, learner=self.learner, memory=memory, counts=counts)
         # Last: the newer of the two is what a run goes on from.
         self.folder.save_small(self.learner, self._counters())
 
@@ -254,13 +253,14 @@ class Trainer:
         """Takes over the newest save: the whole one with as many worlds, else what was learnt, with new worlds."""
         saves = Checkpoints(self.folder.path / SAVES)
         learner, memory = jax.eval_shape(lambda: (self.learner, self._fresh_memory()))
-        like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": memory})
+        like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": _parts(memory)})
         small = self.folder.load_small(like["learner"])
         newest = -1 if small is None else small[1]["iteration"]
         whole = saves.latest is not None and saves.latest >= newest
         if whole and saves.about()["n_worlds"] == self.config.worlds:
+            check_same_visited(self.folder, self.config.visited)
             self.states, found = saves.restore(self.worlds, counts=_counts(0, 0.0), **like)
-            self.learner, self.memory = found["learner"], found["memory"]
+            self.learner, self.memory = found["learner"], Remembered(**found["memory"])
             self.iteration, self.steps = int(saves.latest or 0), int(found["counts"]["steps"])
             self.seconds = float(found["counts"]["seconds"])
         elif small is not None:
@@ -284,6 +284,12 @@ def check_end(minutes: Any, steps: Any, on_iteration: Any) -> None:
         check_count("steps", steps, minimum=1, maximum=LONG)
     if minutes is None and steps is None and on_iteration is None:
         raise ValueError("minutes: got None and no steps; takes one of them, or the training would never end")
+
+
+def _parts(memory: Remembered) -> dict[str, Any]:
+    """Returns what is remembered as saves have it; those of runs without visited states have no archive."""
+    parts = {"own": memory.own, "opponents": memory.opponents, "archive": memory.archive}
+    return {name: part for name, part in parts.items() if name != "archive" or part != ()}
 
 
 def _counts(steps: int, seconds: float) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Visited states as beginnings of episodes: those from which the critic was most wrong come up most often."""
+"""Visited states as beginnings of episodes: the more wrong the critic was there, the more likely they are kept."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.common.keys import as_key, keyless
+from maax_mjx.common.keys import as_key, keyless, named_key
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import plain
 from maax_mjx.parallel.episodes import Visited, WorldsState, without_engine
-from maax_mjx.training.config import VisitedConfig
 
 CHOICE = 4
 """States that are looked at for one that is kept."""
@@ -46,9 +45,11 @@ class Archive(struct.PyTreeNode):
             share: share of the episodes.
             keys: (n_worlds,) keys of this step.
         """
-        draws = jax.vmap(lambda key: jax.random.uniform(jax.random.fold_in(key, 1), (2,)))(keys)
+        draws = jax.vmap(lambda key: jax.random.uniform(named_key(key, "visited"), (2,)))(keys)
         n = self.there.sum()
         index = jnp.minimum((draws[:, 0] * n).astype(jnp.int32), jnp.maximum(n - 1, 0))
+        # Archives of several devices that became one have gaps until they are full.
+        index = jnp.argsort(~self.there)[index]
         state = jax.tree.map(as_key, self.state, without_engine(plain(states)))
         return Visited(state, index, (draws[:, 1] < share) & (n > 0))
 
@@ -57,7 +58,7 @@ class Archive(struct.PyTreeNode):
 
         Args:
             candidates: (n, ...) states as `looked_at` gives them.
-            score: (n,) how likely each is to be chosen, in proportion.
+            score: (n,) in proportion to which each is the first to be chosen.
             n_new: how many are chosen.
             key: key of the draw.
         """
@@ -69,19 +70,19 @@ class Archive(struct.PyTreeNode):
         return self.replace(state=state, there=jnp.concatenate([jnp.ones(n_new, bool), self.there[:-n_new]]))
 
 
-def looked_at(states: WorldsState, config: VisitedConfig, size: int, key: jax.Array) -> tuple[Any, jax.Array, int]:
+def looked_at(states: WorldsState, stay: int, size: int, key: jax.Array) -> tuple[Any, jax.Array, int]:
     """Draws states of some of a device's worlds, of which the archive may keep some.
 
     Args:
         states: of the worlds.
-        config: the settings.
+        stay: iterations for which a state is kept.
         size: states of the archive on this device.
         key: key of the draw.
 
     Returns:
         The states, the worlds (n,) that they are of, and how many of them the archive is to keep.
     """
-    n_worlds, n_new = len(states.step), max(size // config.stay, 1)
+    n_worlds, n_new = len(states.step), size // stay
     worlds = jax.random.permutation(key, n_worlds)[: min(CHOICE * n_new, n_worlds)]
     return jax.tree.map(lambda x: x[worlds], _stored(states)), worlds, n_new
 
@@ -89,7 +90,7 @@ def looked_at(states: WorldsState, config: VisitedConfig, size: int, key: jax.Ar
 def surprise(gain: jax.Array, counts: jax.Array) -> jax.Array:
     """Returns how wrong the critic was in every world, the mean of the advantages' sizes over agents that count.
 
-    It is the score by which prioritised level replay (Jiang et al. 2021) chooses what to play again.
+    Prioritised level replay (Jiang et al. 2021) has a score like it, over whole episodes.
 
     Args:
         gain: (n_worlds, n_agents) advantages, in units of rewards.

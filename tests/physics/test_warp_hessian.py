@@ -7,9 +7,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.physics.mjx_internals import repair_hessians
+from maax_mjx.physics.warp_hessian import KEPT, LANES, SLOTS, repair_kernel
 
 BALLS = """
 <mujoco>
@@ -70,3 +72,51 @@ def test_a_lifted_box_does_not_turn_about_the_vertical(jacobian, inertia, tilt):
     ours, warp = accelerations(BOX.format(jacobian=jacobian, inertia=inertia), up, force)
     assert np.abs(ours[5]) < 1e-3
     np.testing.assert_allclose(warp, ours, atol=5e-3)
+
+
+ACTIVE = 1
+"""State of rows that are in the Hessian."""
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_what_little_is_left_of_is_added_up_anew_and_all_else_stays(sparse):
+    """Of random rows, most of which were subtracted, over more degrees of freedom than one warp has threads."""
+    rng, n_worlds, nv, n_rows = seeds.rng(0), 3, 40, 30
+    jacobian = np.zeros((n_worlds, n_rows, nv), np.float32)
+    columns = np.sort(rng.permuted(np.tile(np.arange(nv), (n_worlds, n_rows, 1)), axis=2)[..., :6], axis=2)
+    np.put_along_axis(jacobian, columns, rng.normal(size=columns.shape).astype(np.float32), axis=2)
+    stiffness = np.exp(rng.uniform(0, 12, (n_worlds, n_rows))).astype(np.float32)
+    state = (rng.random((n_worlds, n_rows)) < 0.3).astype(np.int32) * ACTIVE
+    mass = np.tril(np.where(np.arange(nv)[:, None] // 4 == np.arange(nv) // 4, rng.uniform(0.1, 1, (nv, nv)), 0))
+    inertia_id = np.full((nv, nv), -1, np.int32)
+    inertia_id[np.nonzero(mass)] = np.arange(np.count_nonzero(mass))
+    inertia = np.tile(mass[np.nonzero(mass)], (n_worlds, 1)).astype(np.float32)
+
+    left = np.where(state == ACTIVE, stiffness, 0)
+    exact = np.triu(mass.T + np.einsum("wr,wri,wrj->wij", left, jacobian, jacobian, dtype=float))
+    terms = np.abs(np.einsum("wr,wri,wrj->wrij", stiffness, jacobian, jacobian, dtype=float))
+    given = np.triu(exact + np.triu(rng.normal(size=exact.shape))).astype(np.float32)
+    gone = np.triu((KEPT * np.where((state != ACTIVE)[..., None, None], terms, 0)).max(1) > np.abs(given))
+    assert 20 < gone.sum() < exact.size / 4
+
+    changed = np.tile(rng.permutation(n_rows).astype(np.int32), (n_worlds, 1))
+    warp = pytest.importorskip("warp")
+    length = np.full((n_worlds, n_rows), 6, np.int32)
+    address = np.tile(6 * np.arange(n_rows, dtype=np.int32), (n_worlds, 1))
+    kept = np.take_along_axis(jacobian, columns, axis=2).reshape(n_worlds, 1, -1)
+    hessian = warp.array(given, dtype=float, device="cpu")
+    arrays = [
+        (inertia_id, int), (inertia, float), (np.full(n_worlds, n_rows, np.int32), int), (length, int), (address, int),
+        (columns.reshape(n_worlds, 1, -1).astype(np.int32), int), (kept if sparse else jacobian, float),
+        (stiffness, float), (state, int), (changed, int), (np.full(n_worlds, n_rows, np.int32), int),
+    ]  # fmt: skip
+    warp.launch(
+        repair_kernel(sparse, ACTIVE),
+        dim=(n_worlds, SLOTS, LANES),
+        inputs=[nv, *(warp.array(x, dtype=dtype, device="cpu") for x, dtype in arrays)],
+        outputs=[hessian],
+        device="cpu",
+    )
+    np.testing.assert_array_equal(hessian.numpy()[~gone], given[~gone])
+    np.testing.assert_allclose(hessian.numpy()[gone], exact[gone], rtol=1e-4, atol=1e-3)
+    assert np.abs(given - exact)[gone].max() > 1, "what was given was wrong"

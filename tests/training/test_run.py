@@ -25,8 +25,8 @@ SMALL = {
     "ppo.minibatches": 2, "ppo.epochs": 1, "league.every": 2, "visited.share": 0.5, "visited.size": 16,
     "visited.stay": 4,
 }  # fmt: skip
-PLAIN = SMALL | {"net.core": "none", "ppo.minibatches": 1}
-"""For the engine that compiles slowly: memories and the order of minibatches are those of any engine."""
+PLAIN = SMALL | {"net.core": "none", "ppo.minibatches": 1, "visited.share": 0.0}
+"""For the engine that compiles slowly: memories, visited states and minibatches are those of any engine."""
 N, FEW = 8, 6
 PER_ITERATION = 4 * N
 
@@ -133,6 +133,12 @@ def test_a_saved_run_goes_on_bit_for_bit_on_jax(tmp_path):
     whole = trainer(tmp_path / "whole", "jax", **PLAIN)
     whole.run(steps=FEW * PER_ITERATION, on_iteration=save_half)
     assert_goes_on(trainer(tmp_path / "cut", "jax", **PLAIN), whole)
+
+
+@pytest.mark.parametrize("changed", [{"visited.share": 0.0}, {"visited.size": 32}])
+def test_a_run_with_other_visited_states_is_refused(run, changed):
+    with pytest.raises(ValueError, match=r"visited: got share=.*, size=.* of share=0\.5, size=16; takes the same"):
+        trainer(run[1].folder, **changed)
 
 
 def assert_goes_on(again, whole):

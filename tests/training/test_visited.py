@@ -15,7 +15,7 @@ from helpers.toys import echo
 import maax_mjx as maax
 from maax_mjx.core.state import plain
 from maax_mjx.parallel.episodes import Visited, without_engine
-from maax_mjx.training import NetConfig, PPOConfig, TrainConfig, VisitedConfig
+from maax_mjx.training import PRESETS, NetConfig, PPOConfig, TrainConfig, VisitedConfig, preset
 from maax_mjx.training.collect import Remembered, collect
 from maax_mjx.training.config import check_divides
 from maax_mjx.training.learner import compile_iteration, metrics_of, new_learner
@@ -85,6 +85,20 @@ def test_beginnings_are_drawn_from_what_is_there(worlds, start):
     assert abs(float(taken.mean()) - 0.25) < 0.03
 
 
+def test_an_archive_with_gaps_begins_with_what_is_there(worlds, start):
+    """As where those of two devices become one before they are full."""
+    there = jnp.arange(SIZE) % 5 == 2
+    archive = Archive.empty(worlds.env, SIZE, N).replace(there=there)
+    index, _ = _drawn(archive, start, jax.random.split(seeds.key(4), N))
+    assert there[index].all()
+    assert len(set(np.asarray(index).tolist())) == int(there.sum())
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_every_preset_takes_a_share(name):
+    check_divides(preset(name, {"visited.share": 0.5}), 1)
+
+
 def _drawn(archive, states, keys):
     visited = archive.beginnings(states, 0.25, keys)
     return visited.index, visited.taken
@@ -125,7 +139,7 @@ def test_only_whole_episodes_are_measured(worlds, start):
     weights = network.draw(seeds.key(0))
     archive = Archive.empty(worlds.env, SIZE, N)
     later = start.replace(step=jnp.full(N, 3, jnp.int32))
-    rows, _, _ = looked_at(later, CONFIG.visited, SIZE, seeds.key(4))
+    rows, _, _ = looked_at(later, STAY, SIZE, seeds.key(4))
     archive = archive.kept(rows, jnp.ones(len(rows.step)), STAY, seeds.key(5))
     play = jax.jit(partial(collect, worlds, network, ppo=replace(PPO, unroll=20), share=0.9))
     memory = Remembered(network.memory(N), (), archive)
