@@ -30,6 +30,7 @@ from maax_mjx.core.env import Base
 from maax_mjx.core.faults import AGENT_CEILING
 from maax_mjx.core.state import State
 from maax_mjx.modules import Entities
+from maax_mjx.parallel.episodes import without_engine
 from maax_mjx.physics import check_impl
 
 HELD = 20
@@ -129,7 +130,7 @@ class Reference:
         self.env = make(impl, None)
         keys = jax.random.split(jax.random.key(0), n_worlds)
         states: State = jax.jit(jax.vmap(self.env.reset))(keys)
-        self.states = states.replace(data=states.data.replace(engine=()))
+        self.states = without_engine(states)
         self.actions = draw_actions(self.env, n_worlds, HELD)["move"]
         self.n_worlds, self.n_steps, self.every = n_worlds, n_steps, every
 

@@ -18,12 +18,13 @@ from maax_mjx.cli.options import MISTAKES, check_words, names, split_overrides
 from maax_mjx.cli.play import Play, run_play
 from maax_mjx.cli.replay import Replay, replay
 from maax_mjx.cli.rollout import Rollout, rollout
-from maax_mjx.cli.train import GROUPS, Train, train
+from maax_mjx.cli.train import Train, train
 from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.options import NUMBERS, parsed
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.tasks import check_game
+from maax_mjx.training.config import GROUPS
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 

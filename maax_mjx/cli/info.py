@@ -25,7 +25,7 @@ from maax_mjx.parallel.recording import read
 from maax_mjx.physics import best_impl, check_impl, impls
 from maax_mjx.tasks import check_game
 from maax_mjx.tasks.published import as_published
-from maax_mjx.training.config import PRESETS
+from maax_mjx.training.config import GROUPS, PRESETS
 from maax_mjx.training.evaluate import player_of
 from maax_mjx.training.shipped import file_of, policies
 from maax_mjx.viewer.gl import backends
@@ -166,7 +166,7 @@ def of_preset(name: str) -> dict[str, Any]:
     config = PRESETS[name]
     settings = _fields(config)
     settings |= {f"env.{field}": value for field, value in settings.pop("env").items()}
-    kinds = (type(part) for part in (config, config.ppo, config.net, config.league, config.visited))
+    kinds = (type(part) for part in (config, *(getattr(config, group) for group in GROUPS)))
     return {
         "preset": name,
         "settings": settings,

@@ -19,6 +19,7 @@ from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
 from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.tasks.config import from_plain
+from maax_mjx.training.config import GROUPS
 from maax_mjx.training.folder import RUN, Folder
 from maax_mjx.training.policy import check_policy, load_any
 
@@ -26,8 +27,6 @@ REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
-GROUPS = ("ppo", "net", "league", "visited")
-"""Groups of settings, set as in --ppo.lr 3e-4."""
 KEPT = ("save_minutes", "save_worlds", "tensorboard")
 """Options that are settings of the run, which keeps them when it goes on."""
 

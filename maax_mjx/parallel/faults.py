@@ -21,7 +21,7 @@ from maax_mjx.core.diagnosis import Diagnosis, diagnose
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import to_mjcf
 from maax_mjx.core.state import State, plain
-from maax_mjx.parallel.episodes import WorldsState
+from maax_mjx.parallel.episodes import WorldsState, without_engine
 from maax_mjx.parallel.recording import KEPT, Recording, filled, read, strip, write
 
 MOMENTS = 8
@@ -142,7 +142,7 @@ class FaultKeeper:
         }
         parts = {
             "actions": jax.tree.map(lambda x: x[-n:], recent.action),
-            "state": state.replace(data=state.data.replace(engine=())),
+            "state": without_engine(state),
             "engine": state.data.engine,
         }
         write(self.folder / f"{number}.npz", meta, recording, parts)
@@ -225,7 +225,7 @@ def load_fault(path: str | Path, env: Environment) -> Fault:
     recording = filled(path, meta, arrays, Recording(strip(shape), returns), leading=2)
     action = jax.eval_shape(env.sample_action, jax.random.key(0))
     actions = filled(path, meta, arrays, {"actions": action}, leading=1)["actions"]
-    bare = shape.replace(data=shape.data.replace(engine=()))
+    bare = without_engine(shape)
     state = filled(path, meta, arrays, {"state": jax.eval_shape(keyless, bare)}, leading=0)["state"]
     state = jax.tree.map(as_key, state, bare)
     if meta["fault"]["engine"] == env.base.engine.impl:

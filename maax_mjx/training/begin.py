@@ -88,7 +88,8 @@ def check_same_visited(folder: Folder, visited: VisitedConfig) -> None:
         ValueError: none where there were some, some where there were none, or another number of them.
     """
     was = VisitedConfig(**folder.about()["settings"].get("visited", {}))
-    if (bool(was.share), was.size if was.share else 0) != (bool(visited.share), visited.size if visited.share else 0):
+    before, now = (config.size if config.share else 0 for config in (was, visited))
+    if before != now:
         raise ValueError(
             f"visited: got share={visited.share}, size={visited.size} for {folder.path}, whose save has visited states "
             f"of share={was.share}, size={was.size}; takes the same, or a new run that begins with its policy (--from)"

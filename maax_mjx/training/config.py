@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import gcd
 from typing import Annotated, Any
 
@@ -137,6 +137,9 @@ class TrainConfig(Config):
     visited: VisitedConfig = VisitedConfig()
     env: Mapping[str, Any] = field(default_factory=dict)
 
+
+GROUPS = tuple(part.name for part in fields(TrainConfig) if isinstance(part.default, Config))
+"""Names of the groups of settings, which are set as in --ppo.lr 3e-4."""
 
 EGO = {"observations": "ego", "observe": "all", "boxsize_obs": True}
 PRESETS: dict[str, TrainConfig] = {

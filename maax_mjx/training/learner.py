@@ -109,7 +109,8 @@ def iterate(
     share = config.visited.share
     if share:
         look, choose = jax.random.split(jax.random.fold_in(pick, index[0]))
-        seen, where, n_new = looked_at(states, config.visited.stay, len(memory.archive.there), look)
+        n_new = len(memory.archive.there) // config.visited.stay
+        seen, where = looked_at(states, n_new, look)
     states, memory, batch, before = collect(
         worlds, network, weights, opponents, index, states, memory, play, ppo, share
     )

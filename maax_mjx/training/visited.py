@@ -70,21 +70,19 @@ class Archive(struct.PyTreeNode):
         return self.replace(state=state, there=jnp.concatenate([jnp.ones(n_new, bool), self.there[:-n_new]]))
 
 
-def looked_at(states: WorldsState, stay: int, size: int, key: jax.Array) -> tuple[Any, jax.Array, int]:
+def looked_at(states: WorldsState, n_new: int, key: jax.Array) -> tuple[Any, jax.Array]:
     """Draws states of some of a device's worlds, of which the archive may keep some.
 
     Args:
         states: of the worlds.
-        stay: iterations for which a state is kept.
-        size: states of the archive on this device.
+        n_new: how many of them the archive is to keep.
         key: key of the draw.
 
     Returns:
-        The states, the worlds (n,) that they are of, and how many of them the archive is to keep.
+        The states, and the worlds (n,) that they are of.
     """
-    n_worlds, n_new = len(states.step), size // stay
-    worlds = jax.random.permutation(key, n_worlds)[: min(CHOICE * n_new, n_worlds)]
-    return jax.tree.map(lambda x: x[worlds], _stored(states)), worlds, n_new
+    worlds = jax.random.permutation(key, len(states.step))[: CHOICE * n_new]
+    return jax.tree.map(lambda x: x[worlds], _stored(states)), worlds
 
 
 def surprise(gain: jax.Array, counts: jax.Array) -> jax.Array:

@@ -139,7 +139,7 @@ def test_only_whole_episodes_are_measured(worlds, start):
     weights = network.draw(seeds.key(0))
     archive = Archive.empty(worlds.env, SIZE, N)
     later = start.replace(step=jnp.full(N, 3, jnp.int32))
-    rows, _, _ = looked_at(later, STAY, SIZE, seeds.key(4))
+    rows, _ = looked_at(later, SIZE // STAY, seeds.key(4))
     archive = archive.kept(rows, jnp.ones(len(rows.step)), STAY, seeds.key(5))
     play = jax.jit(partial(collect, worlds, network, ppo=replace(PPO, unroll=20), share=0.9))
     memory = Remembered(network.memory(N), (), archive)
