@@ -1,28 +1,40 @@
-"""Billions of steps under hostile play, over several runs.
+"""Billions of steps under hostile play, or of a trained policy, over several runs.
 
-Agents have full force, redrawn every 20 steps, while everybody locks and grabs everything in reach. What a user could
-see of a step is looked at after each. A run that is stopped or killed goes on from its last checkpoint.
+Agents have full force, redrawn every 20 steps, while everybody locks and grabs everything in reach; with `--policy`
+trained agents play. What a user could see of a step is looked at after each, and faults are counted by what agents
+did. A run that is stopped or killed goes on from its last checkpoint.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from flax import struct
 
 import maax_mjx as maax
+from maax_mjx import training
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.bench import Command, Options
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.common.progress import progress
 from maax_mjx.parallel import WorldsState
+from maax_mjx.parallel.policy import decide, forgotten
+from maax_mjx.wrappers.grabs.wrapper import GrabObjects
+from maax_mjx.wrappers.tools import HIGH
+from maax_mjx.wrappers.wrapper import find
 
 COUNTS = ("episodes", "physics_fault", "contact_overflow", "layout_invalid")
+DOING = ("on top of something", "holding something", "neither")
+"""What any agent of a world does before a step; the first that is true."""
+GAME = "hide_and_seek"
+"""What is played without `env` and `policy`."""
 
 
 @dataclass
@@ -30,21 +42,23 @@ class Config(Options):
     """Options.
 
     Attributes:
-        env: environment, by name.
+        env: environment, by name; without one, the policy's own, or `hide_and_seek`.
         impl: engine.
         worlds: batch size.
         physics_steps: how many in all, of all worlds and runs.
-        held: for how many env steps a force is held.
+        policy: a trained policy, by name or file, or the folder of its run, that plays in the place of hostile agents.
+        held: for how many env steps a hostile force is held.
         chunk: env steps of a rollout.
         every: rollouts between checkpoints.
         folder: of the checkpoints, with each of which `out` is written; a later run with the same goes on from the
             last.
     """
 
-    env: str = "hide_and_seek"
+    env: str | None = None
     impl: str = "warp"
     worlds: PositiveCount = 16_384
     physics_steps: float = 1e9
+    policy: str | None = None
     held: PositiveCount = 20
     chunk: PositiveCount = 100
     every: PositiveCount = 10
@@ -57,6 +71,8 @@ class Tally(struct.PyTreeNode):
     Attributes:
         env_steps: () int32, of each world.
         bad_steps: () int32, steps after which some number that a user sees was not finite.
+        doing: (3,) float32 env steps of all worlds, by `DOING`.
+        faults: (3,) float32, which of them had a fault.
         counts: (4,) float32 totals of all worlds before `states.counts`, which begin at 0 in every rollout,
             since they are int32: by `COUNTS`.
         seconds: () float32 that rollouts took.
@@ -64,6 +80,8 @@ class Tally(struct.PyTreeNode):
 
     env_steps: jax.Array
     bad_steps: jax.Array
+    doing: jax.Array
+    faults: jax.Array
     counts: jax.Array
     seconds: jax.Array
 
@@ -71,16 +89,22 @@ class Tally(struct.PyTreeNode):
     def nothing(cls) -> Tally:
         """The tally before the first step."""
         none = jnp.zeros((), jnp.int32)
-        return cls(none, none, jnp.zeros(len(COUNTS)), jnp.zeros(()))
+        by_doing = jnp.zeros(len(DOING))
+        return cls(none, none, by_doing, by_doing, jnp.zeros(len(COUNTS)), jnp.zeros(()))
 
 
 @dataclass(frozen=True)
 class Row(Measured):
-    """Figures of all runs together; `measured` is the last one."""
+    """Figures of all runs together; `measured` is the last one.
+
+    Attributes:
+        by_doing: physics steps and faults of each of `DOING`.
+    """
 
     env: str
     impl: str
     worlds: int
+    policy: str
     held: int
     n_frames: int
     env_steps: int
@@ -93,6 +117,7 @@ class Row(Measured):
     faults_per_million_physics_steps: float
     physics_steps_per_s: float
     runs: int
+    by_doing: dict[str, dict[str, float]]
 
 
 def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax.Array]:
@@ -105,68 +130,107 @@ def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax
     return {**action, "move": jnp.where(forwards, most, least)}
 
 
-def player(worlds: maax.Worlds, config: Config) -> jax.stages.Wrapped:
-    """Compiled `(states, start) -> states, bad`: a chunk of steps from step `start`, and how many showed a NaN."""
+def doing(env: maax.Environment, states: WorldsState) -> jax.Array:
+    """Returns (n_worlds, 3) bool, which of `DOING` holds in each world."""
+    agents, grabs = env.base.agents, find(env, GrabObjects)
+    there = states.world.active[agents.kind]
+    up = ((states.data.xpos[:, agents.body_ids, 2] > HIGH) & there).any(axis=1)
+    holds = (states.mechanics[grabs.name].held >= 0).any(axis=1) if grabs is not None else jnp.zeros_like(up)
+    return jnp.stack([up, holds & ~up, ~holds & ~up], axis=1)
 
-    def play(states: WorldsState, start: jax.Array) -> tuple[WorldsState, jax.Array]:
-        def step(states: WorldsState, t: jax.Array) -> tuple[WorldsState, jax.Array]:
-            key = jax.random.fold_in(jax.random.key(1), t // config.held)
-            states = worlds.step_fn(states, hostile(worlds.env, worlds.n_worlds, key))
+
+def player(
+    worlds: maax.Worlds, policy: training.Policy | None, held: int, chunk: int
+) -> Callable[[WorldsState, Any, Tally, Any], tuple[WorldsState, Any, Tally]]:
+    """Compiled `(states, memory, tally, params) -> states, memory, tally`: a chunk of steps, counted."""
+
+    def act(states: WorldsState, memory: Any, params: Any, t: jax.Array) -> tuple[Any, Any]:
+        if policy is None:
+            return hostile(worlds.env, worlds.n_worlds, jax.random.fold_in(jax.random.key(1), t // held)), memory
+        keys = jax.random.split(jax.random.fold_in(jax.random.key(1), t), worlds.n_worlds)
+        return jax.vmap(policy.play, (0, 0, 0, None))(states, keys, memory, params)
+
+    def play(states: WorldsState, memory: Any, tally: Tally, params: Any) -> tuple[WorldsState, Any, Tally]:
+        def step(carry: tuple[WorldsState, Any, Tally], _: None) -> tuple[tuple[WorldsState, Any, Tally], None]:
+            states, memory, tally = carry
+            did = doing(worlds.env, states)
+            action, memory = act(states, memory, params, tally.env_steps)
+            states = worlds.step_fn(states, action)
             public = states.replace(upcoming=(), data=states.data.replace(engine=()))
             floats = [x for x in jax.tree.leaves(public) if jnp.issubdtype(x.dtype, jnp.floating)]
-            return states, ~jnp.stack([jnp.isfinite(x).all() for x in floats]).all()
+            faulted = states.metrics["physics_fault"] > 0
+            tally = tally.replace(
+                env_steps=tally.env_steps + 1,
+                bad_steps=tally.bad_steps + ~jnp.stack([jnp.isfinite(x).all() for x in floats]).all(),
+                doing=tally.doing + did.sum(axis=0),
+                faults=tally.faults + (did & faulted[:, None]).sum(axis=0),
+            )
+            return (states, forgotten(memory, states.done), tally), None
 
-        states, bad = jax.lax.scan(step, states, start + jnp.arange(config.chunk))
-        return states, bad.sum()
+        return jax.lax.scan(step, (states, memory, tally), length=chunk)[0]
 
-    return jax.jit(play, donate_argnums=0)
+    return jax.jit(play, donate_argnums=(0, 1))
 
 
 def main(config: Config) -> None:
     """Goes on until all steps are done or the minutes are over."""
     config.check()
     run = record.run_of(config)
-    env = maax.make(config.env, impl=config.impl)
-    worlds = maax.Worlds(env, config.worlds)
-    checkpoints, play, tally, runs = maax.Checkpoints(config.folder), player(worlds, config), Tally.nothing(), 1
+    policy = training.Policy.load(config.policy) if config.policy else None
+    if policy is not None and config.env is None:
+        env = policy.make_env(impl=config.impl)
+    else:
+        env = maax.make(config.env or GAME, impl=config.impl)
+    policy = policy.on(env) if policy is not None else None
+    worlds, params = maax.Worlds(env, config.worlds), policy.params if policy is not None else ()
+    checkpoints, tally, runs = maax.Checkpoints(config.folder), Tally.nothing(), 1
+    play = player(worlds, policy, config.held, config.chunk)
+    memory: Any = jnp.asarray(policy.memory(config.worlds)) if policy is not None else jnp.zeros((config.worlds, 0))
     if checkpoints.latest is None:
         states = worlds.reset(jax.random.key(0), stagger=True)
     else:
-        states, others = checkpoints.restore(worlds, tally=tally, runs=jnp.ones((), jnp.int32))
-        tally, runs = others["tally"], int(others["runs"]) + 1
+        states, others = checkpoints.restore(worlds, tally=tally, memory=memory, runs=jnp.ones((), jnp.int32))
+        tally, memory, runs = others["tally"], others["memory"], int(others["runs"]) + 1
     per_step = config.worlds * env.base.n_frames
     begun, chunks = time.monotonic(), 0
     total, done = int(config.physics_steps), int(tally.env_steps) * per_step
     with progress(None, "soak", total=total, initial=done, unit_scale=True) as bar:
         while bar.n < config.physics_steps and not _over(begun, config.max_minutes):
             start = time.perf_counter()
-            states, bad = jax.block_until_ready(play(states, tally.env_steps))
+            states, memory, tally = jax.block_until_ready(play(states, memory, tally, params))
             chunks += 1
             # The first one compiles.
             seconds = time.perf_counter() - start if chunks > 1 else 0.0
             counts = jnp.array([states.totals()[name] for name in COUNTS], jnp.float32)
             states = states.replace(counts=jax.tree.map(jnp.zeros_like, states.counts))
-            tally = Tally(
-                tally.env_steps + config.chunk, tally.bad_steps + bad, tally.counts + counts, tally.seconds + seconds
-            )
+            tally = tally.replace(counts=tally.counts + counts, seconds=tally.seconds + seconds)
             bar.update(config.chunk * per_step)
             done = bar.n >= config.physics_steps or _over(begun, config.max_minutes)
             if done or chunks % config.every == 0:
-                checkpoints.save(int(tally.env_steps), worlds, states, tally=tally, runs=jnp.asarray(runs))
-                record.write(config.out, [replace(row_of(tally, config, env.base.n_frames, runs), measured=run)])
-    print(row_of(tally, config, env.base.n_frames, runs), flush=True)
+                others = {"tally": tally, "memory": memory, "runs": jnp.asarray(runs)}
+                checkpoints.save(int(tally.env_steps), worlds, states, **others)
+                record.write(config.out, [replace(row_of(tally, config, env, runs), measured=run)])
+    print(row_of(tally, config, env, runs), flush=True)
 
 
-def row_of(tally: Tally, config: Config, n_frames: int, runs: int) -> Row:
+def row_of(tally: Tally, config: Config, env: maax.Environment, runs: int) -> Row:
     """The tally as a row."""
-    steps = int(tally.env_steps) * config.worlds
+    steps, n_frames = int(tally.env_steps) * config.worlds, env.base.n_frames
     counts = dict(zip(COUNTS, (int(x) for x in tally.counts), strict=True))
     timed = steps - runs * config.chunk * config.worlds
+
+    def faults_of(env_steps: float, faults: float) -> dict[str, float]:
+        physics = int(env_steps) * n_frames
+        million = round(int(faults) / max(physics, 1) * 1e6, 4)
+        return {"physics_steps": physics, "faults": int(faults), "faults_per_million_physics_steps": million}
+
+    by_doing = zip(DOING, tally.doing, tally.faults, strict=True)
     return Row(
-        env=config.env,
+        env=config.env or (env.made_from.name if env.made_from else GAME),
         impl=config.impl,
         worlds=config.worlds,
-        held=config.held,
+        policy=config.policy or "",
+        held=0 if config.policy else config.held,
         n_frames=n_frames,
         env_steps=steps,
         physics_steps=steps * n_frames,
@@ -175,9 +239,10 @@ def row_of(tally: Tally, config: Config, n_frames: int, runs: int) -> Row:
         physics_faults=counts["physics_fault"],
         contact_overflows=counts["contact_overflow"],
         layouts_invalid=counts["layout_invalid"],
-        faults_per_million_physics_steps=round(counts["physics_fault"] / max(steps * n_frames, 1) * 1e6, 4),
+        faults_per_million_physics_steps=faults_of(steps, counts["physics_fault"])["faults_per_million_physics_steps"],
         physics_steps_per_s=round(timed * n_frames / float(tally.seconds)) if float(tally.seconds) else 0,
         runs=runs,
+        by_doing={name: faults_of(done, faults) for name, done, faults in by_doing},
     )
 
 
