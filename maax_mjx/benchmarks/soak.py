@@ -25,7 +25,7 @@ from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.common.progress import progress
 from maax_mjx.parallel import WorldsState
-from maax_mjx.parallel.policy import decide, forgotten
+from maax_mjx.parallel.policy import forgotten
 from maax_mjx.wrappers.grabs.wrapper import GrabObjects
 from maax_mjx.wrappers.tools import HIGH
 from maax_mjx.wrappers.wrapper import find

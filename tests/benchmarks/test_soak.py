@@ -64,5 +64,6 @@ def _memory(folder):
     policy = maax.training.Policy.load("quadrant/forts")
     worlds = maax.Worlds(policy.make_env(impl="c"), 4)
     memory = policy.on(worlds.env).memory(4)
-    others = maax.Checkpoints(folder).restore(worlds, tally=soak.Tally.nothing(), memory=memory, runs=jnp.zeros((), int))
+    runs = jnp.zeros((), int)
+    others = maax.Checkpoints(folder).restore(worlds, tally=soak.Tally.nothing(), memory=memory, runs=runs)
     return np.asarray(others[1]["memory"])
