@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,13 +98,13 @@ class Row(Measured):
     """Figures of all runs together; `measured` is the last one.
 
     Attributes:
-        by_doing: physics steps and faults of each of `DOING`.
+        policy: who played; empty if hostile agents did.
+        by_doing: physics steps and faults of each of `DOING`; none in files from before they were counted.
     """
 
     env: str
     impl: str
     worlds: int
-    policy: str
     held: int
     n_frames: int
     env_steps: int
@@ -117,7 +117,8 @@ class Row(Measured):
     faults_per_million_physics_steps: float
     physics_steps_per_s: float
     runs: int
-    by_doing: dict[str, dict[str, float]]
+    policy: str = ""
+    by_doing: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax.Array]:

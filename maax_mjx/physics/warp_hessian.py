@@ -14,13 +14,16 @@ from typing import Any
 KEPT = 0.03
 """Share of a row that was subtracted that must be left in an entry, else it is added up anew. Where so much is left,
 the row added a relative error of 2e-6 at most."""
+STIFF = 1e4
+"""How many times the inertia of its degrees of freedom a subtracted row must have been in an entry: what float32 left
+of a lighter one is less than 6e-4 of that inertia, and does not matter."""
 SLOTS, LANES = 4, 32
 """Rows of a world that are looked at together, each by so many threads."""
 
 
 @cache
 def repair_kernel(sparse: bool, active: int) -> Any:
-    """Returns the kernel, which adds up anew the entries of which a subtraction left less than `KEPT`.
+    """Returns the kernel, which adds up anew the entries of which the subtraction of a stiff row left less than `KEPT`.
 
     It is launched with (n_worlds, SLOTS, LANES) threads, after rows were subtracted.
 
@@ -77,7 +80,9 @@ def repair_kernel(sparse: bool, active: int) -> Any:
                 lost = wp.abs(stiffness[world, row] * lost)
                 first, second = column(columns, address, world, row, a), column(columns, address, world, row, b)
                 i, j = wp.min(first, second), wp.max(first, second)
-                if wp.abs(hessian[world, i, j]) >= KEPT * lost:
+                # Most rows are light, and end here.
+                light = inertia[world, inertia_id[i, i]] * inertia[world, inertia_id[j, j]]
+                if lost <= STIFF * wp.sqrt(light) or wp.abs(hessian[world, i, j]) >= KEPT * lost:
                     continue
                 # The Hessian's upper triangle is read, and the inertia has its lower one.
                 # What a kernel changes in a loop is declared by a call.

@@ -11,7 +11,7 @@ from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.physics.mjx_internals import repair_hessians
-from maax_mjx.physics.warp_hessian import KEPT, LANES, SLOTS, repair_kernel
+from maax_mjx.physics.warp_hessian import KEPT, LANES, SLOTS, STIFF, repair_kernel
 
 BALLS = """
 <mujoco>
@@ -71,7 +71,8 @@ def test_a_lifted_box_does_not_turn_about_the_vertical(jacobian, inertia, tilt):
     up, force = np.array([0, 0, 1, 0, 0, 0, 0]), [0, 0, 20, tilt, 0, 0]
     ours, warp = accelerations(BOX.format(jacobian=jacobian, inertia=inertia), up, force)
     assert np.abs(ours[5]) < 1e-3
-    np.testing.assert_allclose(warp, ours, atol=5e-3)
+    # Rows lighter than `STIFF` leave their rounding, less than 1e-3 of what the box does in other directions.
+    np.testing.assert_allclose(warp, ours, atol=2e-2)
 
 
 ACTIVE = 1
@@ -96,8 +97,13 @@ def test_what_little_is_left_of_is_added_up_anew_and_all_else_stays(sparse):
     exact = np.triu(mass.T + np.einsum("wr,wri,wrj->wij", left, jacobian, jacobian, dtype=float))
     terms = np.abs(np.einsum("wr,wri,wrj->wrij", stiffness, jacobian, jacobian, dtype=float))
     given = np.triu(exact + np.triu(rng.normal(size=exact.shape))).astype(np.float32)
-    gone = np.triu((KEPT * np.where((state != ACTIVE)[..., None, None], terms, 0)).max(1) > np.abs(given))
+    light = np.sqrt(np.outer(np.diag(mass), np.diag(mass)))
+    subtracted = np.where((state != ACTIVE)[..., None, None] & (terms > STIFF * light), terms, 0)
+    gone = np.triu((KEPT * subtracted).max(1) > np.abs(given))
     assert 20 < gone.sum() < exact.size / 4
+    assert (
+        np.triu((KEPT * np.where((state != ACTIVE)[..., None, None], terms, 0)).max(1) > np.abs(given)) & ~gone
+    ).any()
 
     changed = np.tile(rng.permutation(n_rows).astype(np.int32), (n_worlds, 1))
     warp = pytest.importorskip("warp")
