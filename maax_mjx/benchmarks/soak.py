@@ -121,6 +121,15 @@ class Row(Measured):
     by_doing: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
+def game_of(config: Config) -> tuple[maax.Environment, training.Policy | None]:
+    """Returns what is played, and the policy as it plays it."""
+    if config.policy is None:
+        return maax.make(config.env or GAME, impl=config.impl), None
+    policy = training.Policy.load(config.policy)
+    env = maax.make(config.env, impl=config.impl) if config.env else policy.make_env(impl=config.impl)
+    return env, policy.on(env)
+
+
 def hostile(env: maax.Environment, worlds: int, key: jax.Array) -> dict[str, jax.Array]:
     """Actions of full force one way or the other, with everything locked and grabbed."""
     spaces = env.action_space.spaces
@@ -177,16 +186,12 @@ def main(config: Config) -> None:
     """Goes on until all steps are done or the minutes are over."""
     config.check()
     run = record.run_of(config)
-    policy = training.Policy.load(config.policy) if config.policy else None
-    if policy is not None and config.env is None:
-        env = policy.make_env(impl=config.impl)
-    else:
-        env = maax.make(config.env or GAME, impl=config.impl)
-    policy = policy.on(env) if policy is not None else None
-    worlds, params = maax.Worlds(env, config.worlds), policy.params if policy is not None else ()
+    env, policy = game_of(config)
+    worlds = maax.Worlds(env, config.worlds)
+    memory: Any = () if policy is None else jnp.asarray(policy.memory(config.worlds))
+    params = () if policy is None else policy.params
     checkpoints, tally, runs = maax.Checkpoints(config.folder), Tally.nothing(), 1
     play = player(worlds, policy, config.held, config.chunk)
-    memory: Any = jnp.asarray(policy.memory(config.worlds)) if policy is not None else jnp.zeros((config.worlds, 0))
     if checkpoints.latest is None:
         states = worlds.reset(jax.random.key(0), stagger=True)
     else:
@@ -220,12 +225,11 @@ def row_of(tally: Tally, config: Config, env: maax.Environment, runs: int) -> Ro
     counts = dict(zip(COUNTS, (int(x) for x in tally.counts), strict=True))
     timed = steps - runs * config.chunk * config.worlds
 
-    def faults_of(env_steps: float, faults: float) -> dict[str, float]:
-        physics = int(env_steps) * n_frames
-        million = round(int(faults) / max(physics, 1) * 1e6, 4)
-        return {"physics_steps": physics, "faults": int(faults), "faults_per_million_physics_steps": million}
-
-    by_doing = zip(DOING, tally.doing, tally.faults, strict=True)
+    by_doing = {}
+    for name, env_steps, faults in zip(DOING, tally.doing, tally.faults, strict=True):
+        physics, faulted = int(env_steps) * n_frames, int(faults)
+        figures = {"physics_steps": physics, "faults": faulted}
+        by_doing[name] = figures | {"faults_per_million_physics_steps": per_million(faulted, physics)}
     return Row(
         env=config.env or (env.made_from.name if env.made_from else GAME),
         impl=config.impl,
@@ -240,11 +244,16 @@ def row_of(tally: Tally, config: Config, env: maax.Environment, runs: int) -> Ro
         physics_faults=counts["physics_fault"],
         contact_overflows=counts["contact_overflow"],
         layouts_invalid=counts["layout_invalid"],
-        faults_per_million_physics_steps=faults_of(steps, counts["physics_fault"])["faults_per_million_physics_steps"],
+        faults_per_million_physics_steps=per_million(counts["physics_fault"], steps * n_frames),
         physics_steps_per_s=round(timed * n_frames / float(tally.seconds)) if float(tally.seconds) else 0,
         runs=runs,
-        by_doing={name: faults_of(done, faults) for name, done, faults in by_doing},
+        by_doing=by_doing,
     )
+
+
+def per_million(faults: int, physics_steps: int) -> float:
+    """Returns faults in a million physics steps."""
+    return round(faults / max(physics_steps, 1) * 1e6, 4)
 
 
 def _over(begun: float, minutes: float | None) -> bool:

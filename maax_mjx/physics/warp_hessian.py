@@ -15,8 +15,8 @@ KEPT = 0.03
 """Share of a row that was subtracted that must be left in an entry, else it is added up anew. Where so much is left,
 the row added a relative error of 2e-6 at most."""
 STIFF = 1e4
-"""How many times the inertia of its degrees of freedom a subtracted row must have been in an entry: what float32 left
-of a lighter one is less than 6e-4 of that inertia, and does not matter."""
+"""How many times the inertia of its degrees of freedom a subtracted row has to be in an entry. What float32 leaves of a
+lighter one is less than 6e-4 of that inertia."""
 SLOTS, LANES = 4, 32
 """Rows of a world that are looked at together, each by so many threads."""
 

@@ -65,14 +65,14 @@ def test_a_lifted_ball_leaves_the_plane(jacobian):
 
 
 @pytest.mark.parametrize("jacobian", ["dense", "sparse"])
-@pytest.mark.parametrize(("inertia", "tilt"), [(0.005, 0), (0.02, 6)])
-def test_a_lifted_box_does_not_turn_about_the_vertical(jacobian, inertia, tilt):
+@pytest.mark.parametrize(("inertia", "tilt", "atol"), [(0.005, 0, 5e-3), (0.02, 6, 2e-2)])
+def test_a_lifted_box_does_not_turn_about_the_vertical(jacobian, inertia, tilt, atol):
     repair_hessians()
     up, force = np.array([0, 0, 1, 0, 0, 0, 0]), [0, 0, 20, tilt, 0, 0]
     ours, warp = accelerations(BOX.format(jacobian=jacobian, inertia=inertia), up, force)
     assert np.abs(ours[5]) < 1e-3
-    # Rows lighter than `STIFF` leave their rounding, less than 1e-3 of what the box does in other directions.
-    np.testing.assert_allclose(warp, ours, atol=2e-2)
+    # Rows lighter than `STIFF` leave their rounding: in the second box less than 1e-3 of its acceleration by the tilt.
+    np.testing.assert_allclose(warp, ours, atol=atol)
 
 
 ACTIVE = 1
@@ -98,12 +98,13 @@ def test_what_little_is_left_of_is_added_up_anew_and_all_else_stays(sparse):
     terms = np.abs(np.einsum("wr,wri,wrj->wrij", stiffness, jacobian, jacobian, dtype=float))
     given = np.triu(exact + np.triu(rng.normal(size=exact.shape))).astype(np.float32)
     light = np.sqrt(np.outer(np.diag(mass), np.diag(mass)))
-    subtracted = np.where((state != ACTIVE)[..., None, None] & (terms > STIFF * light), terms, 0)
-    gone = np.triu((KEPT * subtracted).max(1) > np.abs(given))
+    subtracted = np.where((state != ACTIVE)[..., None, None], terms, 0)
+    little, gone = (
+        np.triu((KEPT * rows).max(1) > np.abs(given))
+        for rows in (subtracted, np.where(subtracted > STIFF * light, subtracted, 0))
+    )
     assert 20 < gone.sum() < exact.size / 4
-    assert (
-        np.triu((KEPT * np.where((state != ACTIVE)[..., None, None], terms, 0)).max(1) > np.abs(given)) & ~gone
-    ).any()
+    assert (little & ~gone).any(), "rows that are not stiff stay"
 
     changed = np.tile(rng.permutation(n_rows).astype(np.int32), (n_worlds, 1))
     warp = pytest.importorskip("warp")
