@@ -20,7 +20,7 @@ import numpy as np
 from mujoco import mjx
 
 from maax_mjx.common.errors import MissingLibraryError
-from maax_mjx.physics.warp_hessian import LANES, SLOTS, repair_kernel
+from maax_mjx.physics.warp_hessian import BLOCKS, LANES, SLOTS, repair_kernels
 
 VERSIONS = {"mujoco-mjx": ("3.17", "3.18"), "warp-lang": ("1.18", "1.20")}
 """Versions by package: the first minor one that fits, and the first that does not. `pyproject.toml` says the same."""
@@ -238,29 +238,34 @@ def repair_hessians() -> None:
     """Has Warp's Newton solver repair its Hessian before it factorises it, in this process (see `warp_hessian`).
 
     `_cholesky_factorize_solve` is replaced by a function that looks first; seen in MJX 3.17.0, where rows are
-    subtracted by `_update_gradient_incremental` alone, which then asks for worlds without changes to be skipped.
+    subtracted by `_update_gradient_incremental` alone, which then asks for worlds without changes to be skipped. The
+    solver's context gets the room for what is found, since nothing can be allocated in a loop of a CUDA graph.
     """
     import warp
     from mujoco.mjx.third_party.mujoco_warp._src import solver, types
 
-    factorise = solver._cholesky_factorize_solve
+    create_context, factorise = solver._create_solver_context, solver._cholesky_factorize_solve
     active = int(types.ConstraintState.QUADRATIC)
+
+    def created(m: Any, d: Any) -> Any:
+        ctx = create_context(m, d)
+        ctx.stiff, ctx.n_stiff = warp.empty(d.nworld * d.njmax, dtype=warp.vec2i), warp.empty(1, dtype=int)
+        return ctx
 
     def repaired(m: Any, d: Any, ctx: Any, skip_unchanged: bool = False, skip_noflip: bool = False) -> None:
         # Not with the discrete integrator, whose Hessian has more terms, nor where columns have other numbers since
         # degrees of freedom that are awake are packed, as MJX never does.
         discrete = m.opt.integrator == types.IntegratorType.DISCRETE
         if skip_unchanged and not discrete and ctx.compact_m_full is None:
-            warp.launch(
-                repair_kernel(bool(m.is_sparse), active),
-                dim=(d.nworld, SLOTS, LANES),
-                inputs=[
-                    *(m.nv, m.M_elemid, d.M, d.nefc),
-                    *(d.efc.J_rownnz, d.efc.J_rowadr, d.efc.J_colind, d.efc.J, d.efc.D, d.efc.state),
-                    *(ctx.quad_changed_ids, ctx.quad_changed_count),
-                ],
-                outputs=[ctx.h],
-            )
+            kernels = repair_kernels(bool(m.is_sparse), active)
+            model = [m.nv, m.M_elemid, d.M]
+            rows = [d.efc.J_rownnz, d.efc.J_rowadr, d.efc.J_colind, d.efc.J, d.efc.D, d.efc.state]
+            changed, found = [ctx.quad_changed_ids, ctx.quad_changed_count], [ctx.stiff, ctx.n_stiff]
+            ctx.n_stiff.zero_()
+            warp.launch(kernels.find, dim=(d.nworld, SLOTS), inputs=[*model, *rows, *changed], outputs=found)
+            inputs = [*model, d.nefc, *rows, *found]
+            warp.launch_tiled(kernels.repair, dim=[BLOCKS], inputs=inputs, outputs=[ctx.h], block_dim=LANES)
         factorise(m, d, ctx, skip_unchanged=skip_unchanged, skip_noflip=skip_noflip)
 
+    solver._create_solver_context = created
     solver._cholesky_factorize_solve = repaired

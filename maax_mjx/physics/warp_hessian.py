@@ -1,4 +1,4 @@
-"""A kernel that repairs Hessians of MJX-Warp's Newton solver, which in float32 lose what is light beside what is stiff.
+"""Kernels that repair Hessians of MJX-Warp's Newton solver, which in float32 lose what is light beside what is stiff.
 
 The solver adds constraint rows that become active to its Hessian, and subtracts those that no longer are. A stiff row
 leaves its rounding behind, which can be more than the inertia of a light body: the matrix is no longer positive
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 KEPT = 0.03
 """Share of a row that was subtracted that must be left in an entry, else it is added up anew. Where so much is left,
@@ -17,15 +17,30 @@ the row added a relative error of 2e-6 at most."""
 STIFF = 1e4
 """How many times the inertia of its degrees of freedom a subtracted row has to be in an entry. What float32 leaves of a
 lighter one is less than 6e-4 of that inertia."""
-SLOTS, LANES = 4, 32
-"""Rows of a world that are looked at together, each by so many threads."""
+SLOTS = 4
+"""Rows of a world that are looked at together, each by one thread."""
+BLOCKS, LANES = 1024, 32
+"""Entries that are added up together, each by so many threads."""
+
+
+class RepairKernels(NamedTuple):
+    """Two kernels that are launched one after the other, after rows were subtracted.
+
+    Few rows are stiff, and most worlds subtract none. So one kernel looks, with few threads, and another repairs, with
+    many for each entry: the solver launches both in every iteration, and they should cost nothing where there is
+    nothing to do.
+    """
+
+    find: Any
+    """Lists the subtracted rows that are stiff; launched with (n_worlds, SLOTS) threads."""
+    repair: Any
+    """Adds up anew the entries of which the subtraction of such a row left less than `KEPT`; launched with BLOCKS tiles
+    of LANES threads."""
 
 
 @cache
-def repair_kernel(sparse: bool, active: int) -> Any:
-    """Returns the kernel, which adds up anew the entries of which the subtraction of a stiff row left less than `KEPT`.
-
-    It is launched with (n_worlds, SLOTS, LANES) threads, after rows were subtracted.
+def repair_kernels(sparse: bool, active: int) -> RepairKernels:
+    """Returns the kernels that find stiff rows that were subtracted and repair what they left.
 
     Args:
         sparse: whether rows of the Jacobian are kept as their entries that are not zero, with their columns.
@@ -48,8 +63,50 @@ def repair_kernel(sparse: bool, active: int) -> Any:
             return jacobian[world, 0, address[world, row] + k]
         return jacobian[world, row, k]
 
+    @wp.func
+    def entries(length: wp.array2d[int], nv: int, world: int, row: int) -> int:
+        """Number of entries of a row that are kept."""
+        if wp.static(sparse):
+            return length[world, row]
+        return nv
+
+    @wp.func
+    def pair(index: int) -> wp.vec2i:
+        """The index-th pair a >= b, counted along the rows of a triangle."""
+        a = int((wp.sqrt(float(8 * index + 1)) - 1.0) * 0.5)
+        return wp.vec2i(a, index - a * (a + 1) // 2)
+
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
-    def kernel(
+    def find(
+        nv: int,
+        inertia_id: wp.array2d[int],
+        inertia: wp.array2d[float],
+        length: wp.array2d[int],
+        address: wp.array2d[int],
+        columns: wp.array3d[int],
+        jacobian: wp.array3d[float],
+        stiffness: wp.array2d[float],
+        state: wp.array2d[int],
+        changed: wp.array2d[int],
+        n_changed: wp.array[int],
+        stiff: wp.array[wp.vec2i],
+        n_stiff: wp.array[int],
+    ) -> None:
+        world, slot = wp.tid()
+        for index in range(slot, n_changed[world], SLOTS):
+            row = changed[world, index]
+            if state[world, row] == active:
+                continue
+            # No entry is further beyond its inertia than the worst on the diagonal.
+            for k in range(entries(length, nv, world, row)):
+                at = column(columns, address, world, row, k)
+                entry = value(jacobian, address, world, row, k)
+                if stiffness[world, row] * entry * entry > STIFF * inertia[world, inertia_id[at, at]]:
+                    stiff[wp.atomic_add(n_stiff, 0, 1)] = wp.vec2i(world, row)
+                    break
+
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
+    def repair(
         nv: int,
         inertia_id: wp.array2d[int],
         inertia: wp.array2d[float],
@@ -60,51 +117,60 @@ def repair_kernel(sparse: bool, active: int) -> Any:
         jacobian: wp.array3d[float],
         stiffness: wp.array2d[float],
         state: wp.array2d[int],
-        changed: wp.array2d[int],
-        n_changed: wp.array[int],
+        stiff: wp.array[wp.vec2i],
+        n_stiff: wp.array[int],
         hessian: wp.array3d[float],
     ) -> None:
-        world, slot, lane = wp.tid()
-        for index in range(slot, n_changed[world], SLOTS):
-            row = changed[world, index]
-            if state[world, row] == active:
-                continue
-            n = nv
-            if wp.static(sparse):
-                n = length[world, row]
-            for pair in range(lane, n * (n + 1) // 2, LANES):
-                # Pairs a >= b, counted along the rows of a triangle.
-                a = int((wp.sqrt(float(8 * pair + 1)) - 1.0) * 0.5)
-                b = pair - a * (a + 1) // 2
-                lost = value(jacobian, address, world, row, a) * value(jacobian, address, world, row, b)
-                lost = wp.abs(stiffness[world, row] * lost)
-                first, second = column(columns, address, world, row, a), column(columns, address, world, row, b)
-                i, j = wp.min(first, second), wp.max(first, second)
-                # Most rows are light, and end here.
-                light = inertia[world, inertia_id[i, i]] * inertia[world, inertia_id[j, j]]
-                if lost <= STIFF * wp.sqrt(light) or wp.abs(hessian[world, i, j]) >= KEPT * lost:
-                    continue
-                # The Hessian's upper triangle is read, and the inertia has its lower one.
-                # What a kernel changes in a loop is declared by a call.
-                total = float(0.0)  # noqa: UP018
-                if inertia_id[j, i] >= 0:
-                    total = float(inertia[world, inertia_id[j, i]])
-                for other in range(n_rows[world]):
-                    if state[world, other] != active:
+        block, lane = wp.tid()
+        for found in range(block, n_stiff[0], BLOCKS):
+            world, row = stiff[found][0], stiff[found][1]
+            n = entries(length, nv, world, row)
+            n_pairs = n * (n + 1) // 2
+            for start in range(0, n_pairs, wp.block_dim()):
+                # Each thread looks at one entry; then all add up each that is lost.
+                lost = int(0)  # noqa: UP018
+                if start + lane < n_pairs:
+                    ab = pair(start + lane)
+                    subtracted = value(jacobian, address, world, row, ab[0])
+                    subtracted *= stiffness[world, row] * value(jacobian, address, world, row, ab[1])
+                    first = column(columns, address, world, row, ab[0])
+                    second = column(columns, address, world, row, ab[1])
+                    i, j = wp.min(first, second), wp.max(first, second)
+                    light = inertia[world, inertia_id[i, i]] * inertia[world, inertia_id[j, j]]
+                    subtracted = wp.abs(subtracted)
+                    if subtracted > STIFF * wp.sqrt(light) and wp.abs(hessian[world, i, j]) < KEPT * subtracted:
+                        lost = 1
+                is_lost = wp.tile(lost)
+                for k in range(wp.min(wp.block_dim(), n_pairs - start)):
+                    if is_lost[k] == 0:
                         continue
-                    at_i, at_j = float(0.0), float(0.0)  # noqa: UP018
-                    if wp.static(sparse):
-                        for k in range(length[world, other]):
-                            at = column(columns, address, world, other, k)
-                            if at == i:
-                                at_i = value(jacobian, address, world, other, k)
-                            if at == j:
-                                at_j = value(jacobian, address, world, other, k)
-                    else:
-                        at_i = value(jacobian, address, world, other, i)
-                        at_j = value(jacobian, address, world, other, j)
-                    total += stiffness[world, other] * at_i * at_j
-                # Rows that share the entry all find the same total.
-                hessian[world, i, j] = total
+                    ab = pair(start + k)
+                    first = column(columns, address, world, row, ab[0])
+                    second = column(columns, address, world, row, ab[1])
+                    i, j = wp.min(first, second), wp.max(first, second)
+                    part = float(0.0)  # noqa: UP018
+                    for other in range(lane, n_rows[world], wp.block_dim()):
+                        if state[world, other] != active:
+                            continue
+                        at_i, at_j = float(0.0), float(0.0)  # noqa: UP018
+                        if wp.static(sparse):
+                            for e in range(length[world, other]):
+                                at = column(columns, address, world, other, e)
+                                if at == i:
+                                    at_i = value(jacobian, address, world, other, e)
+                                if at == j:
+                                    at_j = value(jacobian, address, world, other, e)
+                        else:
+                            at_i = value(jacobian, address, world, other, i)
+                            at_j = value(jacobian, address, world, other, j)
+                        part += stiffness[world, other] * at_i * at_j
+                    total = wp.tile_sum(wp.tile(part))
+                    if lane == 0:
+                        # The Hessian's upper triangle is read, and the inertia has its lower one. Rows that share the
+                        # entry all find the same total.
+                        whole = total[0]
+                        if inertia_id[j, i] >= 0:
+                            whole += inertia[world, inertia_id[j, i]]
+                        hessian[world, i, j] = whole
 
-    return kernel
+    return RepairKernels(find, repair)

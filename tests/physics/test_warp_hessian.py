@@ -11,7 +11,7 @@ from helpers import seeds
 from mujoco import mjx
 
 from maax_mjx.physics.mjx_internals import repair_hessians
-from maax_mjx.physics.warp_hessian import KEPT, LANES, SLOTS, STIFF, repair_kernel
+from maax_mjx.physics.warp_hessian import BLOCKS, KEPT, LANES, SLOTS, STIFF, repair_kernels
 
 BALLS = """
 <mujoco>
@@ -112,18 +112,34 @@ def test_what_little_is_left_of_is_added_up_anew_and_all_else_stays(sparse):
     address = np.tile(6 * np.arange(n_rows, dtype=np.int32), (n_worlds, 1))
     kept = np.take_along_axis(jacobian, columns, axis=2).reshape(n_worlds, 1, -1)
     hessian = warp.array(given, dtype=float, device="cpu")
-    arrays = [
-        (inertia_id, int), (inertia, float), (np.full(n_worlds, n_rows, np.int32), int), (length, int), (address, int),
-        (columns.reshape(n_worlds, 1, -1).astype(np.int32), int), (kept if sparse else jacobian, float),
-        (stiffness, float), (state, int), (changed, int), (np.full(n_worlds, n_rows, np.int32), int),
-    ]  # fmt: skip
+    def on_cpu(*arrays):
+        return [warp.array(x, dtype=float if x.dtype == np.float32 else int, device="cpu") for x in arrays]
+
+    model = [nv, *on_cpu(inertia_id, inertia)]
+    entries = columns.reshape(n_worlds, 1, -1).astype(np.int32)
+    rows = on_cpu(length, address, entries, kept if sparse else jacobian, stiffness, state)
+    n_each = np.full(n_worlds, n_rows, np.int32)
+    stiff = warp.empty(n_worlds * n_rows, dtype=warp.vec2i, device="cpu")
+    n_stiff = warp.zeros(1, dtype=int, device="cpu")
+    kernels = repair_kernels(sparse, ACTIVE)
     warp.launch(
-        repair_kernel(sparse, ACTIVE),
-        dim=(n_worlds, SLOTS, LANES),
-        inputs=[nv, *(warp.array(x, dtype=dtype, device="cpu") for x, dtype in arrays)],
-        outputs=[hessian],
+        kernels.find,
+        dim=(n_worlds, SLOTS),
+        inputs=[*model, *rows, *on_cpu(changed, n_each)],
+        outputs=[stiff, n_stiff],
         device="cpu",
     )
+    warp.launch_tiled(
+        kernels.repair,
+        dim=[BLOCKS],
+        inputs=[*model, *on_cpu(n_each), *rows, stiff, n_stiff],
+        outputs=[hessian],
+        device="cpu",
+        block_dim=LANES,
+    )
+    listed = stiff.numpy()[: n_stiff.numpy()[0]]
+    wanted = (np.where(subtracted > STIFF * light, subtracted, 0) > 0).any((2, 3))
+    np.testing.assert_array_equal(np.sort(listed @ [n_rows, 1]), np.flatnonzero(wanted))
     np.testing.assert_array_equal(hessian.numpy()[~gone], given[~gone])
     np.testing.assert_allclose(hessian.numpy()[gone], exact[gone], rtol=1e-4, atol=1e-3)
     assert np.abs(given - exact)[gone].max() > 1, "what was given was wrong"
