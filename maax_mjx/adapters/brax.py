@@ -18,7 +18,12 @@ def brax(env: Environment, team: str | None = None, policy: Any = None) -> Any:
     Brax begins every episode of a world in the same layout, that of the world's first reset.
 
     Example:
-        ppo.train(adapters.brax(env, "seekers", policy="random"), episode_length=env.base.horizon, ...)
+        ```python
+        from brax.training.agents.ppo import train as ppo
+
+        seekers = adapters.brax(env, "seekers", policy="random")
+        ppo.train(seekers, num_timesteps=1_000_000, episode_length=env.base.horizon)
+        ```
 
     Args:
         env: an environment whose agents observe for themselves.

@@ -77,10 +77,12 @@ def gymnasium_vector(
     """Makes a `gymnasium.vector.VectorEnv` of a batch, whose environments are the agents of a team, or all agents.
 
     Example:
+        ```python
         worlds = maax.Worlds(maax.make("hide_and_seek_quadrant", observations="ego"), 64)
         envs = adapters.gymnasium_vector(worlds, team="seekers", policy="random")
         obs, infos = envs.reset(seed=0)
         obs, rewards, terminated, truncated, infos = envs.step(envs.action_space.sample())
+        ```
 
     Args:
         worlds: the batch; its environment's agents observe for themselves, see `PerAgent`.

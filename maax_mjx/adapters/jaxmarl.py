@@ -27,7 +27,9 @@ def jaxmarl(env: Environment) -> Any:
     truncation from termination, and draws a new world at every step, used or not: `Worlds` is faster.
 
     Example:
+        ```python
         jaxmarl.make = lambda name, **fields: adapters.jaxmarl(maax.make(name, **fields))  # then run one of its scripts
+        ```
 
     Args:
         env: an environment whose agents observe for themselves.

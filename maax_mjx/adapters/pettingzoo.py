@@ -23,10 +23,12 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
     ends for all of them at once. `infos` have, for every agent, "can_act": whether what it does next has an effect.
 
     Example:
+        ```python
         env = adapters.pettingzoo(maax.make("hide_and_seek_quadrant", observations="ego"))
         observations, infos = env.reset(seed=0)
         actions = {agent: env.action_space(agent).sample() for agent in env.agents}
         observations, rewards, terminations, truncations, infos = env.step(actions)
+        ```
 
     Args:
         env: an environment whose agents observe for themselves; see `PerAgent`, also for spaces.

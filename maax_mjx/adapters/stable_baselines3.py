@@ -20,8 +20,10 @@ def stable_baselines3(
     is, as "active". On a CPU call `torch.set_num_threads(1)`: the engine `c` uses all cores.
 
     Example:
+        ```python
         worlds = maax.Worlds(maax.make("hide_and_seek_quadrant", observations="ego"), 32)
         PPO("MlpPolicy", adapters.stable_baselines3(worlds, "seekers", "random")).learn(100_000)
+        ```
 
     Args:
         worlds, team, policy, flat, seed: as for `gymnasium_vector`.

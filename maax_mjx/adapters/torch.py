@@ -73,9 +73,11 @@ def torch(
     """Makes a batch of tensors, by DLPack, whose rows are the agents of a team, or all agents.
 
     Example:
+        ```python
         agents = adapters.torch(maax.Worlds(env, 4096))
         obs = agents.reset(seed=0)  # (n_rows, d), on the device of the worlds
         step = agents.step(actions)  # step.obs, step.reward, step.terminated, step.truncated, step.final_obs, ...
+        ```
 
     Args:
         worlds, team, policy, flat, seed: as for `gymnasium_vector`; worlds on one device.

@@ -43,8 +43,10 @@ class DomainParams(Mapping[str, jax.Array]):
     shape (n_worlds, 2)).
 
     Example:
+        ```python
         params = env.default_params.replace(n_boxes=(2, 4))
         state = env.reset(key, params)
+        ```
     """
 
     def __init__(self, ranges: Mapping[str, Any]):

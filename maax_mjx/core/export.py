@@ -55,10 +55,12 @@ def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
         world: index of the world in the batch.
 
     Example:
+        ```python
         model = mujoco.MjModel.from_xml_string(maax.to_mjcf(env, states, world=3))
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 0)
         data.qacc_warmstart[:] = model.numeric("qacc_warmstart").data
+        ```
     """
     one = world_of(state, world)
     model = overlaid_model(env.base.model, env.base.overlay, one.world.fields)

@@ -78,12 +78,14 @@ def register_placement(name: str, placement_fn: PlacementFn) -> None:
     """Gives a placement function of your own a name, which the configs of games then take.
 
     Example:
+        ```python
         def left_half(layout, cells):
             g = layout.grid.size
             return jnp.broadcast_to((jnp.arange(g) + cells[0] <= g // 2)[:, None], (g, g))
 
         register_placement("left_half", left_half)
         env = maax.make("hide_and_seek", seeker_placement="left_half")
+        ```
 
     Args:
         name: a new one, and not "room0", "room1", ...

@@ -47,6 +47,7 @@ def register_scenario(
     Every inner wall gets a door, so that rooms are joined if every wall between two crossings is a wall of its own.
 
     Example:
+        ```python
         from maax_mjx.layout import HORIZONTAL, VERTICAL, Rooms, Walls, register_scenario
 
         def cross(key, grid_size):
@@ -58,6 +59,7 @@ def register_scenario(
 
         register_scenario("cross", cross, n_walls=4, n_rooms=4, shortest_wall=lambda grid_size: (grid_size + 1) // 2)
         env = maax.make("hide_and_seek", scenario="cross", hider_placement="room0")
+        ```
 
     Args:
         name: a new one.

@@ -4,6 +4,7 @@ Every world has a level. After an episode it goes up a level on success, and dow
 the last level continues at a random one, so that no level is forgotten.
 
 Example:
+    ```python
     curriculum = Curriculum([env.default_params.replace(n_boxes=n) for n in (1, 2, 4)])
     levels = curriculum.start(worlds.n_worlds)
     states = worlds.reset(key, curriculum.params(levels))
@@ -11,6 +12,7 @@ Example:
     states = worlds.step(states, action)
     levels = curriculum.update(key, levels, states.done, success=states.episode_return[:, 0] > 10)
     states = worlds.with_params(states, curriculum.params(levels))
+    ```
 """
 
 from __future__ import annotations

@@ -29,12 +29,14 @@ def register_engine(name: str, make: MakeEngine) -> None:
     """Gives an engine of your own a name, which `impl` then takes everywhere.
 
     Example:
+        ```python
         class Halved(CEngine):  # from maax_mjx.physics.c_engine
             def step(self, fields, data, n_frames):
                 return super().step(fields, data.replace(ctrl=data.ctrl / 2), n_frames)
 
         maax.register_engine("halved", lambda model, overlay, contacts, equalities: Halved(model, overlay))
         env = maax.make("hide_and_seek", impl="halved")
+        ```
 
     Args:
         name: a new one.

@@ -154,8 +154,10 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
     """Builds an environment by name.
 
     Example:
+        ```python
         env = make("hide_and_seek", n_boxes=(1, 4), **{"lock.radius": 0.3})
         env = make("hide_and_seek_quadrant", modules=[Door()], inside={"HideAndSeekReward": Flashlight})
+        ```
 
     Args:
         name: one of `tasks()`, or a game in a file of one's own, "my_game.py:football": what the file registers under

@@ -16,9 +16,11 @@ class Bar:
     It says that the run compiles as soon as it is made: so make it after the run, which refuses wrong settings.
 
     Example:
+        ```python
         trainer = Trainer("tag", "runs/tag")
         with Bar(minutes=10) as bar:
             trainer.run(10, on_iteration=bar.of(trainer))
+        ```
 
     Args:
         minutes, steps: when the run ends, as of `train`.

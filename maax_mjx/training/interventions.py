@@ -134,8 +134,10 @@ def intervened(policy: TrainedPolicy, name: str, **overrides: Any) -> Environmen
     """Makes the game that a policy learnt, of hiders and seekers, with something taken away; it counts as with `tools`.
 
     Example:
+        ```python
         blind = intervened(policy, "seekers_blind")
         print(evaluate(policy, ["self"], env=blind).of("seekers", "self").metrics["seen"])
+        ```
 
     Args:
         policy: a policy of `hide_and_seek_quadrant`, or of another game with `tools`.

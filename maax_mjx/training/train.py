@@ -36,8 +36,10 @@ def train(
     A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices.
 
     Example:
+        ```python
         run = train("hide_and_seek_quadrant", "runs/quad", preset="gpu", minutes=30, **{"ppo.lr": 1e-4})
         run.policy.save("quad.policy")
+        ```
 
     Args:
         game: name of a game, or an environment whose agents observe for themselves.

@@ -57,8 +57,10 @@ def play(
     is steered, what is shown, and the ranges that worlds are drawn from.
 
     Example:
+        ```python
         live = maax.play(maax.make("hide_and_seek_quadrant", impl="c"), policy="chase")
         print(live.url)  # in a notebook the last line `live` shows the page
+        ```
 
     Args:
         env: the environment; the engine `c` is the quickest for one world.

@@ -28,7 +28,9 @@ def extended(
     as always. The given environment and modules stay as they are.
 
     Example:
+        ```python
         env = maax.extended(env, [Door()], inside={"HideAndSeekReward": Flashlight})
+        ```
 
     Args:
         env: the environment.
