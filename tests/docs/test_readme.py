@@ -8,7 +8,7 @@ import sys
 import webbrowser
 
 import pytest
-from helpers.pages import BLOCKS, PAGES, PRINTED
+from helpers.pages import BLOCKS, PAGES, PRINTED, commands
 from helpers.pages import run as run_block
 
 import maax_mjx.cli.rollout
@@ -58,10 +58,9 @@ COMMANDS = [
     line
     for page in PAGES
     if page.stem in ("README", "command_line")
-    for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)
-    for line in block.replace("\\\n", "").splitlines()  # a command may go on in the next line
+    for line in commands(page)
     # What takes minutes is run at its smallest by tests/cli/test_train.py.
-    if line.startswith("maax-mjx ") and "runs/" not in line
+    if "runs/" not in line
 ]
 FEWER = {"--worlds 64": "--worlds 8", "--steps 250": "--steps 60"}
 """What commands are called with here."""

@@ -1,4 +1,4 @@
-"""The pages of the documentation, and the Python blocks in them."""
+"""The pages of the documentation, the Python blocks in them, and the commands."""
 
 from __future__ import annotations
 
@@ -14,6 +14,19 @@ FOUND = {
 BLOCKS = {name: block for name, (block, _) in FOUND.items()}
 PRINTED = {name: text for name, (_, text) in FOUND.items() if text}
 """What blocks print, where the page has that below them."""
+
+
+def commands(page: Path) -> list[str]:
+    """Lines of a page's shell blocks that call `maax-mjx`, each a whole command."""
+    blocks = re.findall(r"^ *```sh\n(.*?)^ *```$", page.read_text(), re.DOTALL | re.MULTILINE)
+    lines = "".join(blocks).replace("\\\n", "").splitlines()  # a command may go on in the next line
+    return [line.strip() for line in lines if line.strip().startswith("maax-mjx ")]
+
+
+def in_prose(page: Path) -> list[str]:
+    """Commands in a page's sentences: those with more than one word, and none that stands for others, as NAME does."""
+    found = re.findall(r"`(maax-mjx(?:\s+(?![A-Z]+\b)[^\s`]+){2,})`", page.read_text())
+    return [" ".join(command.split()) for command in found]
 
 
 WORLDS = re.compile(r"(Worlds\(env, (?:n_worlds=)?|\(\()64\b")
