@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 KEPT = 0.03
 """Share of a row that was subtracted that must be left in an entry, else it is added up anew. Where so much is left,
 the row added a relative error of 2e-6 at most."""
-STIFF = 1e4
+STIFF = 1e5
 """How many times the inertia of its degrees of freedom a subtracted row has to be in an entry. What float32 leaves of a
-lighter one is less than 6e-4 of that inertia."""
+lighter one is less than 6e-3 of that inertia."""
 SLOTS = 4
 """Rows of a world that are looked at together, each by one thread."""
 BLOCKS, LANES = 1024, 32
@@ -128,7 +128,7 @@ def repair_kernels(sparse: bool, active: int) -> RepairKernels:
             n_pairs = n * (n + 1) // 2
             for start in range(0, n_pairs, wp.block_dim()):
                 # Each thread looks at one entry; then all add up each that is lost.
-                lost = int(0)  # noqa: UP018
+                lost = int(0)  # noqa: RUF046, UP018
                 if start + lane < n_pairs:
                     ab = pair(start + lane)
                     subtracted = value(jacobian, address, world, row, ab[0])
