@@ -13,6 +13,7 @@ import tyro
 import maax_mjx as maax
 from maax_mjx.cli.options import Seed, check_out, count_of, game_names, make_env, make_folder, report
 from maax_mjx.common.annotated import PositiveCount, check_fields
+from maax_mjx.common.runtime import quick_on_cpu
 from maax_mjx.common.whole import whole
 from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment
@@ -93,7 +94,8 @@ def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
     make_folder(args.out.parent)
     drawn, blamed = [], []
     for placement, env in games:
-        states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(args.seed), args.n))
+        reset = jax.jit(jax.vmap(env.reset), compiler_options=quick_on_cpu(0))
+        states = reset(jax.random.split(jax.random.key(args.seed), args.n))
         drawn += [(env, world_of(states, i), placement) for i in range(args.n)]
         if why := blame(env.base, *jax.device_get((states.world.valid, states.params))):
             blamed.append(f"{placement}: {why}")

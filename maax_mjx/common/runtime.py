@@ -94,6 +94,13 @@ def quick_compilation(level: int) -> dict[str, Any]:
     return dict(_known_options(min(level, int(os.environ.get(LEVEL, level)))))
 
 
+def quick_on_cpu(level: int) -> dict[str, Any] | None:
+    """Returns the options of `quick_compilation` where JAX's default device is a CPU; elsewhere None."""
+    import jax
+
+    return quick_compilation(level) if jax.default_backend() == "cpu" else None
+
+
 @cache
 def _known_options(level: int) -> dict[str, Any]:
     import jax

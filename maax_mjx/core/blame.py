@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import numpy as np
 
 from maax_mjx.common.params import DomainParams
+from maax_mjx.common.runtime import quick_on_cpu
 from maax_mjx.core.composition import Composition
 from maax_mjx.core.generation import draw_layout
 from maax_mjx.layout.placement import name_of
@@ -58,7 +61,7 @@ def blame(env: Composition, valid: np.ndarray, params: DomainParams) -> str | No
 def _draw(env: Composition, params: DomainParams) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Draws a layout for each of `SAMPLE` ranges; returns what found no place, and which layouts are valid."""
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=quick_on_cpu(0))
     @jax.vmap
     def draw(key: jax.Array, one: DomainParams) -> tuple[dict[str, jax.Array], jax.Array]:
         layout = draw_layout(env, key, one)

@@ -288,6 +288,18 @@ def test_invalid_layouts_and_the_placement_to_blame(tmp_path, capsys):
     assert "centre_placement for agent0, which has no place in any world" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_worlds_that_are_all_invalid_are_answered_quickly(tmp_path, capsys, monkeypatch):
+    """Both programs, that of the worlds and that which finds what to blame, run once: they are compiled quickly."""
+    compiled = []
+    for module in ("maax_mjx.cli.worlds", "maax_mjx.core.blame"):
+        monkeypatch.setattr(f"{module}.quick_on_cpu", lambda level, module=module: compiled.append((module, level)))
+    with pytest.raises(SystemExit):
+        main(["worlds", "--scenario=empty", "--placement=separation:7", "--n=2", f"--out={tmp_path}/a.png"])
+    assert "none of 202 layouts is valid; no place was found for agent" in capsys.readouterr().err
+    assert compiled == [("maax_mjx.cli.worlds", 0), ("maax_mjx.core.blame", 0)]
+
+
 @pytest.mark.parametrize("text", ["middle:x", "quad:3", "nowhere", "room:x", "proximity:1"])
 def test_placements_that_are_none(text):
     with pytest.raises(ValueError, match="placement: got"):
