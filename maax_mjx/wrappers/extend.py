@@ -56,6 +56,9 @@ def extended(
         new = type(layer)(*args, **kwargs)
         for put in puts["outside"].get(layer, []):
             new = _put("outside", put, new)
+    if modules:
+        # Undeclared observations of a name that another module has are refused here, not at the first reset.
+        _ = new.state_shape
     return new
 
 

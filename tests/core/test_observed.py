@@ -216,6 +216,8 @@ def test_two_modules_that_observe_one_name_are_refused():
     env.add_module(Again())
     with pytest.raises(ValueError, match="Again 'again' observes 'agent_pos', as Agents 'agent' does; takes another"):
         env.reset(key(0))
+    with pytest.raises(ValueError, match="Again 'again' observes 'agent_pos', as Agents 'agent' does; takes another"):
+        maax.make("standard", impl="c", modules=[Again()])
 
     class Declared(Again):
         def declared(self):
