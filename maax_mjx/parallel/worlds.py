@@ -71,8 +71,6 @@ class Worlds:
         keep_faults: str | Path | None = None,
     ):
         self.env = check_environment(env)
-        # Observations that two modules of the user's give are refused here, not at the first reset.
-        self.env.base.declared()
         self.n_worlds = check_count("n_worlds", n_worlds, minimum=1)
         self._donate = (0,) if check_bool("donate", donate) else ()
         self.shards = Shards(self.n_worlds, devices, method)
