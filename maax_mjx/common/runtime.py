@@ -94,11 +94,16 @@ def quick_compilation(level: int) -> dict[str, Any]:
     return dict(_known_options(min(level, int(os.environ.get(LEVEL, level)))))
 
 
-def quick_on_cpu(level: int) -> dict[str, Any] | None:
-    """Returns the options of `quick_compilation` where JAX's default device is a CPU; elsewhere None."""
+def quick_on_cpu(level: int, platform: str | None = None) -> dict[str, Any] | None:
+    """Returns the options of `quick_compilation` on a CPU; elsewhere None.
+
+    Args:
+        level: as there.
+        platform: where the program will run, by default where JAX's default device is.
+    """
     import jax
 
-    return quick_compilation(level) if jax.default_backend() == "cpu" else None
+    return quick_compilation(level) if (platform or jax.default_backend()) == "cpu" else None
 
 
 @cache

@@ -15,7 +15,7 @@ import numpy as np
 
 from maax_mjx.common.checks import check_bool, check_count, check_key, check_not_donated, described, is_traced
 from maax_mjx.common.params import DomainParams, check_params
-from maax_mjx.common.runtime import is_out_of_memory, quick_compilation
+from maax_mjx.common.runtime import is_out_of_memory, quick_on_cpu
 from maax_mjx.common.spaces import check_action
 from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment, check_environment
@@ -79,9 +79,8 @@ class Worlds:
         env.base.engine.check_devices(self.shards.n_local)
         self._keeper = None if keep_faults is None else FaultKeeper(env, keep_faults)
         compiled = self.shards.compile
-        on_cpu = self.shards.devices[0].platform == "cpu"
         # Programs that run once need not be fast.
-        once, often = (quick_compilation(level) if on_cpu else None for level in (0, 1))
+        once, often = (quick_on_cpu(level, self.shards.devices[0].platform) for level in (0, 1))
         self._reset = compiled(self._begin, (None, 0, None), options=once)
         self._step = compiled(lambda _, *args: self.step_fn(*args), (0, 0), donate=self._donate, options=often)
         self._sample = compiled(self._sample_fn, (None,), options=once)

@@ -249,7 +249,7 @@ def repair_hessians() -> None:
 
     def created(m: Any, d: Any) -> Any:
         ctx = create_context(m, d)
-        ctx.stiff, ctx.n_stiff = warp.empty(d.nworld * d.njmax, dtype=warp.vec2i), warp.empty(1, dtype=int)
+        ctx.stiff, ctx.n_stiff = warp.empty(ctx.quad_changed_ids.size, dtype=warp.vec2i), warp.empty(1, dtype=int)
         return ctx
 
     def repaired(m: Any, d: Any, ctx: Any, skip_unchanged: bool = False, skip_noflip: bool = False) -> None:

@@ -76,6 +76,13 @@ def repair_kernels(sparse: bool, active: int) -> RepairKernels:
         a = int((wp.sqrt(float(8 * index + 1)) - 1.0) * 0.5)
         return wp.vec2i(a, index - a * (a + 1) // 2)
 
+    @wp.func
+    def place(columns: wp.array3d[int], address: wp.array2d[int], world: int, row: int, ab: wp.vec2i) -> wp.vec2i:
+        """Where the Hessian has the product of a pair of a row's entries: in its upper triangle, which is read."""
+        first = column(columns, address, world, row, ab[0])
+        second = column(columns, address, world, row, ab[1])
+        return wp.vec2i(wp.min(first, second), wp.max(first, second))
+
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
     def find(
         nv: int,
@@ -133,9 +140,8 @@ def repair_kernels(sparse: bool, active: int) -> RepairKernels:
                     ab = pair(start + lane)
                     subtracted = value(jacobian, address, world, row, ab[0])
                     subtracted *= stiffness[world, row] * value(jacobian, address, world, row, ab[1])
-                    first = column(columns, address, world, row, ab[0])
-                    second = column(columns, address, world, row, ab[1])
-                    i, j = wp.min(first, second), wp.max(first, second)
+                    ij = place(columns, address, world, row, ab)
+                    i, j = ij[0], ij[1]
                     light = inertia[world, inertia_id[i, i]] * inertia[world, inertia_id[j, j]]
                     subtracted = wp.abs(subtracted)
                     if subtracted > STIFF * wp.sqrt(light) and wp.abs(hessian[world, i, j]) < KEPT * subtracted:
@@ -144,10 +150,8 @@ def repair_kernels(sparse: bool, active: int) -> RepairKernels:
                 for k in range(wp.min(wp.block_dim(), n_pairs - start)):
                     if is_lost[k] == 0:
                         continue
-                    ab = pair(start + k)
-                    first = column(columns, address, world, row, ab[0])
-                    second = column(columns, address, world, row, ab[1])
-                    i, j = wp.min(first, second), wp.max(first, second)
+                    ij = place(columns, address, world, row, pair(start + k))
+                    i, j = ij[0], ij[1]
                     part = float(0.0)  # noqa: UP018
                     for other in range(lane, n_rows[world], wp.block_dim()):
                         if state[world, other] != active:
@@ -166,8 +170,7 @@ def repair_kernels(sparse: bool, active: int) -> RepairKernels:
                         part += stiffness[world, other] * at_i * at_j
                     total = wp.tile_sum(wp.tile(part))
                     if lane == 0:
-                        # The Hessian's upper triangle is read, and the inertia has its lower one. Rows that share the
-                        # entry all find the same total.
+                        # The inertia has its lower triangle. Rows that share the entry all find the same total.
                         whole = total[0]
                         if inertia_id[j, i] >= 0:
                             whole += inertia[world, inertia_id[j, i]]

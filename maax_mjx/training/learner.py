@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from maax_mjx.common.runtime import quick_compilation
+from maax_mjx.common.runtime import quick_on_cpu
 from maax_mjx.parallel import Worlds
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.shards import AXIS
@@ -70,13 +70,12 @@ def compile_iteration(worlds: Worlds, network: Network, config: TrainConfig) -> 
     def mean(tree: Any) -> Any:
         return jax.lax.pmean(tree, AXIS) if shards.method == "shard_map" else tree
 
-    on_cpu = shards.devices[0].platform == "cpu"
     return shards.compile(
         partial(iterate, worlds, network, config, groups, mean),
         (None, None, None, 0, 0),
         out_axes=(None, 0, 0, None),
         donate=(0, 3, 4),
-        options=quick_compilation(1) if on_cpu else None,
+        options=quick_on_cpu(1, shards.devices[0].platform),
     )
 
 
