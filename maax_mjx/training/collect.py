@@ -34,7 +34,8 @@ class Batch(struct.PyTreeNode):
         after: the value after an episode that was cut off, in the critic's units; only for `bootstrap="horizon"`.
         reward: the reward of the step.
         end, last, fault: (n_steps, n_worlds) bool, whether the game was over, the episode, or rolled back.
-        acts: bool, whether the policy learns from the step: the agent can act, and is not played by another policy.
+        acts: bool, whether the policy learns from the step: the agent can act, unless `ppo.waiting` counts the others
+            too, and is not played by another policy.
         counts: bool, whether the critic learns from it.
         metrics: (n_steps, n_worlds, ...) numbers of the game, by name.
         total: (n_steps, n_worlds, n_agents) reward of the episode so far.
@@ -140,7 +141,7 @@ def collect(
             end=after.terminated | (after.truncated & (ppo.bootstrap == "end")),
             last=after.done,
             fault=fault,
-            acts=acting & ~theirs & ~fault[:, None],
+            acts=(playing if ppo.waiting else acting) & ~theirs & ~fault[:, None],
             counts=playing & ~theirs & ~fault[:, None],
             metrics=after.metrics,
             total=after.episode_return,

@@ -34,6 +34,8 @@ class PPOConfig(Config):
         advantage: whether advantages are standardised per "team" or over "all" agents.
         stop_kl: approximate KL divergence of a minibatch beyond which an iteration makes no more updates; None never
             stops.
+        waiting: whether the policy learns from steps in which an agent cannot act, such as those of seekers in the
+            preparation; its critic always does.
         bootstrap: "end" if the horizon is the end of the game, "horizon" if it only cuts the episode off, which an
             endless game does not take.
     """
@@ -52,6 +54,7 @@ class PPOConfig(Config):
     max_grad: Positive = 5.0
     advantage: Annotated[str, OneOf(("team", "all"))] = "team"
     stop_kl: Positive | None = 0.05
+    waiting: bool = False
     bootstrap: Annotated[str, OneOf(("end", "horizon"))] = "end"
 
 

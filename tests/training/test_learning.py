@@ -109,6 +109,21 @@ def test_rows_are_of_one_world_in_a_row(played):
     np.testing.assert_array_equal(some.memory.actor[0, 1], rows.memory.actor[0])
 
 
+@pytest.mark.parametrize("waiting", [False, True])
+def test_a_policy_learns_from_steps_without_effect_only_if_they_count(worlds, start, waiting):
+    """Seekers cannot act in the first step; the critic learns from it in either case."""
+    network = Network.of(worlds.env, settings().net)
+    states = jax.tree_util.tree_map_with_path(
+        lambda path, x: x.at[:, 1].set(False) if getattr(path[-1], "name", "") == "can_act" else x, start
+    )
+    memory = Remembered(network.memory(N), ())
+    play = jax.jit(partial(collect, worlds, network, ppo=replace(PPO, waiting=waiting)))
+    _, _, batch, _ = play(network.draw(seeds.key(0)), None, jnp.arange(N), states, memory, seeds.key(5))
+    assert batch.counts.all()
+    assert batch.acts[0, :, 0].all()
+    assert (batch.acts[0, :, 1] == waiting).all()
+
+
 @pytest.mark.slow
 def test_only_who_remembers_learns_to_echo(worlds, start):
     with_memory, _ = learn(worlds, start, settings("lstm"), 60)
