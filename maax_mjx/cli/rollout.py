@@ -10,11 +10,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import tyro
 from tqdm import tqdm
 
 import maax_mjx as maax
+from maax_mjx.cli.ended import Ended
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import Seed, as_learnt, game_names, make_env, make_folder, names, report
 from maax_mjx.cli.saved import save
@@ -107,27 +107,30 @@ def _rollout(
     make_folder(args.out)
     worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
     world_key, action_key = jax.random.split(jax.random.key(args.seed))
-    bar = progress(total=args.steps, unit="step", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
+    bar = progress(total=args.steps, unit="steps", desc=f"compiling for {env.base.engine.impl}", mininterval=0.5)
     start, has_ends = time.perf_counter(), env.base.horizon is not None
     states = worlds.reset(world_key, stagger=has_ends)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
     advance = _advance(worlds, action_key) if policy is None else _play(worlds, policy, action_key)
     every = min(args.steps, max(1, round(1 / (FPS * env.base.dt))))
     for n in {every, args.steps % every} - {0}:  # a policy's rollout is compiled for a number of steps
-        states = advance(states, 0, n)
+        states, _ = advance(states, 0, n)
     states = worlds.reset(world_key, stagger=has_ends)
     compiled = time.perf_counter() - start
     shown = list(range(args.show))
     frames, done, spent = [select_worlds(states, shown)], 0, 0.0
+    ended = Ended.none(env.base.n_agents)
+    # Named before it is drawn again, or a log had the line of the compilation twice.
+    bar.set_description_str(f"{args.worlds} worlds", refresh=False)
     bar.reset()
-    bar.set_description_str(f"{args.worlds} worlds")
     interrupt.keep()
     with bar:
         while done < args.steps and not interrupt.asked:
             n = min(every, args.steps - done)
             start = time.perf_counter()
-            states = jax.block_until_ready(advance(states, done, n))
+            states, more = jax.block_until_ready(advance(states, done, n))
             spent += time.perf_counter() - start
+            ended = ended.plus(more)
             done += n
             bar.update(n)
             bar.set_postfix_str(f"{done * args.worlds / spent:,.0f} env-steps/s")
@@ -135,11 +138,14 @@ def _rollout(
                 frames.append(select_worlds(states, shown))
     recording = Recording.of(frames)
     files = _write(args, overrides, env, states, first, recording)
-    return _result(args, env, states, done, spent, compiled) | {"files": files, "interrupted": interrupt.asked}
+    return _result(args, env, states, done, spent, compiled, ended) | {"files": files, "interrupted": interrupt.asked}
 
 
-Advance = Callable[[WorldsState, int, int], WorldsState]
-"""`(states, done, n) -> states`: n more steps after those that are done."""
+Advance = Callable[[WorldsState, int, int], tuple[WorldsState, Ended]]
+"""`(states, done, n) -> (states, ended)`: n more steps after those that are done, and what episodes ended in them."""
+KEPT = ("terminated", "truncated", "active", "episode_return", "episode_length")
+"""What a policy's rollout keeps of every step."""
+_sums = jax.jit(Ended.of)
 Policy = Callable[[maax.State, jax.Array], dict[str, jax.Array]]
 """`(state, key) -> action`, of one world."""
 
@@ -147,9 +153,17 @@ Policy = Callable[[maax.State, jax.Array], dict[str, jax.Array]]
 def _advance(worlds: Worlds, key: jax.Array) -> Advance:
     """Steps under random actions, each held for some steps."""
 
-    def hold(states: WorldsState, key: jax.Array, n: jax.Array) -> WorldsState:
+    def hold(states: WorldsState, key: jax.Array, n: jax.Array) -> tuple[WorldsState, Ended]:
         action = worlds.sample_action(key)
-        return jax.lax.fori_loop(0, n, lambda _, s: worlds.step_fn(s, action), states)
+
+        def step(_: jax.Array, carry: tuple[WorldsState, Ended]) -> tuple[WorldsState, Ended]:
+            before, sums = carry
+            after = worlds.step_fn(before, action)
+            more = Ended.of(after.done, before.active, after.episode_return, after.episode_length)
+            return after, jax.tree.map(jnp.add, sums, more)
+
+        none = Ended.of(jnp.zeros_like(states.done), states.active, states.episode_return, states.episode_length)
+        return jax.lax.fori_loop(0, n, step, (states, none))
 
     compiled = jax.jit(hold, donate_argnums=0)
     return lambda states, done, n: compiled(states, jax.random.fold_in(key, done // HOLD), jnp.asarray(n))
@@ -169,11 +183,11 @@ def _play(worlds: Worlds, policy: TrainedPolicy | Policy, key: jax.Array) -> Adv
     """Steps under a policy, whose memory goes on from call to call."""
     memory: list[Any] = [None]
 
-    def advance(states: WorldsState, done: int, n: int) -> WorldsState:
+    def advance(states: WorldsState, done: int, n: int) -> tuple[WorldsState, Ended]:
         now = None if done == 0 else memory[0]
-        states, kept = worlds.rollout(states, policy, n, key=jax.random.fold_in(key, done), memory=now)
+        states, kept = worlds.rollout(states, policy, n, key=jax.random.fold_in(key, done), keep=KEPT, memory=now)
         memory[0] = kept.get("memory")
-        return states
+        return states, _sums(kept["terminated"] | kept["truncated"], *(kept[name] for name in KEPT[2:]))
 
     return advance
 
@@ -206,7 +220,7 @@ def _write(
 
 
 def _result(
-    args: Rollout, env: Environment, states: WorldsState, steps: int, spent: float, compiled: float
+    args: Rollout, env: Environment, states: WorldsState, steps: int, spent: float, compiled: float, ended: Ended
 ) -> dict[str, Any]:
     base, rate = env.base, args.worlds * steps / spent if spent else 0.0
     return {
@@ -221,17 +235,10 @@ def _result(
         "physics_steps_per_s": round(rate * base.n_frames),
         "agent_steps_per_s": round(rate * base.n_agents),
         "compile_s": round(compiled, 1),
-        "mean_return": _mean_return(env, states),
         **states.totals(),
+        "mean_return": ended.mean_return(env.agent_names),
+        "mean_length": ended.mean_length,
     }
-
-
-def _mean_return(env: Environment, states: WorldsState) -> dict[str, float]:
-    """The return of every agent's running episode by its name, averaged over the worlds in which it plays."""
-    active = np.asarray(states.world.active[env.base.agents.kind])
-    total = np.where(active, np.asarray(states.episode_return), 0.0).sum(axis=0)
-    means = total / np.maximum(active.sum(axis=0), 1)
-    return dict(zip(env.agent_names, (round(float(mean), 2) for mean in means), strict=True))
 
 
 def _summary(result: Mapping[str, Any]) -> str:
@@ -242,11 +249,24 @@ def _summary(result: Mapping[str, Any]) -> str:
         "physics steps/s": f"{result['physics_steps_per_s']:,}",
         "agent-steps/s": f"{result['agent_steps_per_s']:,}",
         "compile time": f"{result['compile_s']} s",
-        "mean return": ", ".join(f"{name} {value + 0.0:+g}" for name, value in result["mean_return"].items()),
-        "episodes ended": f"{result['episodes']:,}",
+        "episodes ended": f"{result['episodes']:,}" + _lengths(result["mean_length"]),
+        "mean return": _returns(result),
         "invalid layouts": f"{result['layout_invalid']:,}",
         "contact overflow": f"{result['contact_overflow']:,} steps",
         "physics faults": f"{result['physics_fault']:,}",
         "wrote": ", ".join(result["files"]),
     }
     return "\n".join(f"  {name:17} {value}" for name, value in rows.items())
+
+
+def _lengths(mean: float | None) -> str:
+    return "" if mean is None else f", after {mean:g} steps on average"
+
+
+def _returns(result: Mapping[str, Any]) -> str:
+    if result["mean_return"] is None:
+        return "none: no episode ended"
+    n = result["episodes"]
+    which = "the episode" if n == 1 else f"the {n:,} episodes"
+    shown = ", ".join(f"{name} {value + 0.0:+g}" for name, value in result["mean_return"].items())
+    return f"of {which} that ended: {shown}"

@@ -28,7 +28,7 @@ class Bar:
 
     def __init__(self, minutes: float | None = None, steps: int | None = None):
         self._minutes, self._steps = minutes, steps
-        self._bar = progress(total=steps, unit="step", desc="compiling", unit_scale=True, mininterval=0.5)
+        self._bar = progress(total=steps, unit="steps", desc="compiling", unit_scale=True, mininterval=0.5)
 
     def __enter__(self) -> Bar:
         return self

@@ -195,7 +195,7 @@ def evaluate(
     played = [None if isinstance(one, str) and one == SELF else player_of("against", one) for one in against]
     others = [mine if player is None else seated(player, env) for player in played]
     matches = []
-    with progress(total=len(others) * len(names), unit="match", disable=not check_bool("bar", bar)) as shown:
+    with progress(total=len(others) * len(names), unit="matches", disable=not check_bool("bar", bar)) as shown:
         for one, player, other in zip(against, played, others, strict=True):
             name = _title(one, player)
             for team in names:

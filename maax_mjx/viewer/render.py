@@ -125,7 +125,7 @@ def video(
     shown = smooth(shown, most / speed)
     rate = most if fps is not None else min(most, shown.rate * speed)
     write = _write_mp4 if kind == ".mp4" else _write_gif
-    moments = progress(_sampled(shown.times / speed, rate), f"drawing {kind}", unit="frame", delay=SOON, leave=False)
+    moments = progress(_sampled(shown.times / speed, rate), f"drawing {kind}", unit="frames", delay=SOON, leave=False)
     with _drawing(stage, shown, size, camera, view) as draw:
         write(path, (draw(_frames(stage, shown, i)) for i in moments), rate, size)
     return path

@@ -110,6 +110,6 @@ def test_an_evaluation_says_what_it_plays(tmp_path, capsys, monkeypatch):
     printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "16", "--out", "run")
     main(["evaluate", "run", "--against", "still", "random", "--episodes", "2", "--impl", "c"])
     told = capsys.readouterr()
-    assert "players against still: 0/2 match" in told.err
-    assert "players against random: 1/2 match" in told.err
+    assert "players against still: 0/2 matches" in told.err
+    assert "players against random: 1/2 matches" in told.err
     assert told.out.startswith("team ")
