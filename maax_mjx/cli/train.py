@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,11 +21,16 @@ from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.tasks.config import from_plain
 from maax_mjx.training.config import GROUPS
-from maax_mjx.training.folder import RUN, Folder
+from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL, Folder
 from maax_mjx.training.policy import check_policy, load_any
 
 REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
+FILES = (RUN, METRICS, CURVES, POLICY, f"{PAST}/", f"{SAVES}/", f"{SMALL}/", f"{BOARD}/", REPLAY)
+"""What a folder may have, as the result names it."""
+RECENT = 20
+"""Iterations, at the end of a call, over whose episodes the result's means are: those of a single one are noise."""
+CAUGHT, RETURN = "episode_caught", "return_"
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
 KEPT = ("save_minutes", "save_worlds", "tensorboard")
@@ -37,8 +43,8 @@ class Train:
 
     The same command goes on where the run was; so does `maax-mjx train FOLDER`. Fields of the game's config are set as
     in --env.n_boxes 2, settings of the training as in --ppo.lr 3e-4 --net.core gru --league.share 0.1; `maax-mjx info
-    GAME` and `maax-mjx info PRESET` list them. In the folder: run.json, metrics.jsonl, curves.png, the newest policy,
-    past ones, saves, and replay.html (with the extra "viewer").
+    GAME` and `maax-mjx info PRESET` list them. In the folder: run.json, metrics.jsonl, curves.png, policy (the newest
+    one), past/, saves/, learner/, and replay.html (with the extra "viewer").
     """
 
     game: tyro.conf.Positional[str]
@@ -104,8 +110,13 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
         )
 
+        made: list[training.Progress] = []
+        recent: deque[training.Progress] = deque(maxlen=RECENT)
+
         def on_iteration(now: training.Progress) -> bool:
             interrupt.keep()
+            made[1:] = [now]
+            recent.append(now)
             return not interrupt.asked
 
         if args.steps is not None and trainer.steps >= args.steps:
@@ -113,19 +124,15 @@ def train(args: Train, env: Mapping[str, str]) -> None:
                 f"maax-mjx: the run has {trainer.steps:,} steps already, and --steps counts all of them: nothing to do",
                 file=sys.stderr,
             )
-            run, files = training.Run(trainer.folder.path, trainer.policy, None), []
+            run = training.Run(trainer.folder.path, trainer.policy, None)
         else:
             with training.Bar(minutes, args.steps) as bar:
                 run = trainer.run(minutes, args.steps, bar.of(trainer, on_iteration))
-            files = _replay(trainer, run)
-    result = _result(run, files)
-    report(result, args.json, "\n".join(f"  {name:15} {_shown(value)}" for name, value in result.items()))
+            _replay(trainer, run)
+    result = _result(run, made, recent)
+    report(result, args.json, "\n".join(f"  {name:15} {value}" for name, value in _rows(result).items()))
     if interrupt.asked:
         raise KeyboardInterrupt
-
-
-def _shown(value: Any) -> str:
-    return f"{value:,}" if isinstance(value, int) else str(value)
 
 
 def default_preset() -> str:
@@ -161,7 +168,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
 
 
-def _replay(trainer: training.Trainer, run: training.Run) -> list[str]:
+def _replay(trainer: training.Trainer, run: training.Run) -> None:
     """Writes a page of the latest play; nothing without the extra."""
     env = trainer.env
     worlds = maax.Worlds(env, SHOWN)
@@ -172,21 +179,65 @@ def _replay(trainer: training.Trainer, run: training.Run) -> list[str]:
         with whole(run.folder / REPLAY) as part:
             maax.replay(env, recording, part)
     except maax.MissingLibraryError:
-        return []
-    return [REPLAY]
+        return
 
 
-def _result(run: training.Run, files: list[str]) -> dict[str, Any]:
-    now = run.progress
+def _result(
+    run: training.Run, made: Sequence[training.Progress], recent: Sequence[training.Progress]
+) -> dict[str, Any]:
+    """Collects how a call went.
+
+    Args:
+        run: the run at its end.
+        made: the first and the last iteration of this call, or less.
+        recent: its last iterations.
+    """
+    now, files = run.progress, ", ".join(name for name in FILES if (run.folder / name).exists())
     if now is None:
-        return {"folder": str(run.folder), "steps": run.policy.steps}
-    means = {name: round(x, 3) for name, x in now.metrics.items() if name.startswith(("return_", "episode_caught"))}
+        return {"folder": str(run.folder), "steps": run.policy.steps, "files": files}
+    # From the end of the first iteration, which compiles and counts as no time.
+    steps, seconds = made[-1].steps - made[0].steps, made[-1].seconds - made[0].seconds
+    episodes = [p.metrics.get("episodes", 0.0) for p in recent]
+    names = [name for name in now.metrics if name.startswith((RETURN, CAUGHT))]
     return {
         "folder": str(run.folder),
         "iterations": now.iteration,
         "steps": now.steps,
         "minutes": round(now.seconds / 60, 2),
-        "env_steps_per_s": round(now.metrics.get("env_steps_per_s", 0)),
-        **means,
-        "files": ", ".join(["run.json", "metrics.jsonl", "curves.png", "policy", *files]),
+        "env_steps_per_s": round(steps / seconds) if seconds else None,
+        "recent_iterations": len(recent),
+        "recent_episodes": round(sum(episodes)),
+        **{name: _mean([p.metrics[name] for p in recent], episodes) for name in names},
+        "files": files,
     }
+
+
+def _mean(values: Sequence[float], weights: Sequence[float]) -> float | None:
+    total = sum(weights)
+    return round(sum(x * w for x, w in zip(values, weights, strict=True)) / total, 3) if total else None
+
+
+def _rows(result: Mapping[str, Any]) -> dict[str, str]:
+    """The result in words, with units."""
+    if "iterations" not in result:
+        return {"folder": result["folder"], "env steps": f"{result['steps']:,}", "files": result["files"]}
+    speed = result["env_steps_per_s"]
+    rows = {
+        "folder": result["folder"],
+        "iterations": f"{result['iterations']:,}",
+        "env steps": f"{result['steps']:,}",
+        "training": f"{result['minutes']:g} min of the run, without compilation",
+        "speed": "not measured: one iteration, which compiled"
+        if speed is None
+        else f"{speed:,} env steps/s in this call",
+    }
+    n, recent = result["recent_episodes"], result["recent_iterations"]
+    over = "the last iteration" if recent == 1 else f"the last {recent} iterations"
+    if n:
+        returns = [f"{key.removeprefix(RETURN)} {x:+g}" for key, x in result.items() if key.startswith(RETURN)]
+        rows["mean return"] = f"{', '.join(returns)} for each agent, of the {n:,} episodes that ended in {over}"
+        if CAUGHT in result:
+            rows["caught"] = f"in {result[CAUGHT]:g} of the steps after preparation, in these episodes"
+    else:
+        rows["mean return"] = f"none: no episode ended in {over}"
+    return rows | {"files": result["files"]}

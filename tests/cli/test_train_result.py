@@ -1,0 +1,56 @@
+"""What `maax-mjx train` says of a call at its end."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import SimpleNamespace
+
+from maax_mjx import training
+
+cli = import_module("maax_mjx.cli.train")  # the package has the function of that name
+
+
+def progress(i, seconds, episodes, caught, **speed):
+    """A run of 100 steps an iteration, 50 of them before this call."""
+    metrics = {"episodes": episodes, "return_hiders": -10 * caught, "episode_caught": caught, **speed}
+    return training.Progress(50 + i, 100 * (50 + i), 600.0 + seconds, metrics)
+
+
+def ended(folder, *made):
+    result = cli._result(training.Run(folder, SimpleNamespace(steps=7), made[-1]), [made[0], made[-1]], made)
+    return result, cli._rows(result)
+
+
+def test_speed_is_of_the_call_and_means_are_weighted_by_episodes(tmp_path):
+    """The last iteration saved, which took nine seconds, and a single episode ended in it."""
+    last = progress(3, 10.0, 1.0, 1.0, env_steps_per_s=11.1)
+    result, rows = ended(tmp_path, progress(1, 0.0, 0.0, 0.0, compile_s=9.0), progress(2, 1.0, 3.0, 0.2), last)
+    assert result["env_steps_per_s"] == 20, "200 steps in ten seconds: the first iteration has no time"
+    assert (result["episode_caught"], result["return_hiders"]) == (0.4, -4.0)
+    assert (result["recent_iterations"], result["recent_episodes"]) == (3, 4)
+    assert rows["env steps"] == "5,300"
+    assert rows["training"] == "10.17 min of the run, without compilation"
+    assert rows["speed"] == "20 env steps/s in this call"
+    assert rows["mean return"] == "hiders -4 for each agent, of the 4 episodes that ended in the last 3 iterations"
+    assert rows["caught"] == "in 0.4 of the steps after preparation, in these episodes"
+
+
+def test_what_a_single_iteration_does_not_tell_is_no_number(tmp_path):
+    result, rows = ended(tmp_path, progress(1, 0.0, 0.0, 0.0, compile_s=9.0))
+    assert [result[name] for name in ("env_steps_per_s", "return_hiders", "episode_caught")] == [None] * 3
+    assert rows["speed"] == "not measured: one iteration, which compiled"
+    assert rows["mean return"] == "none: no episode ended in the last iteration"
+    assert "caught" not in rows
+
+
+def test_files_are_those_of_the_folder(tmp_path):
+    for name in ("past", "saves", "learner"):
+        (tmp_path / name).mkdir()
+    for name in ("run.json", "metrics.jsonl", "policy"):
+        (tmp_path / name).touch()
+    run = training.Run(tmp_path, SimpleNamespace(steps=7), None)
+    assert cli._rows(cli._result(run, [], [])) == {
+        "folder": str(tmp_path),
+        "env steps": "7",
+        "files": "run.json, metrics.jsonl, policy, past/, saves/, learner/",
+    }
