@@ -45,7 +45,16 @@ class Estimate(NamedTuple):
     margin: float
 
     def __str__(self) -> str:
-        return f"{self.mean:.3g} ± {self.margin:.2g}"
+        return f"{_digits(self.mean, 3)} ± {_digits(self.margin, 2)}"
+
+
+def _digits(x: float, n: int) -> str:
+    """A number with n digits, or as an integer from 100 up; never as 1.1e+02, but where it is minute or huge."""
+    if abs(x) >= 100:
+        return f"{x:.0f}" if abs(x) < 1e15 else f"{x:.{n}g}"
+    if 0 < abs(x) < 1e-6:
+        return f"{x:.{n}g}"
+    return np.format_float_positional(x, n, unique=False, fractional=False, trim="-")
 
 
 @dataclass(frozen=True)
