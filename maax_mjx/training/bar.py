@@ -47,7 +47,10 @@ class Bar:
         self._bar.update(first)
 
         def after(now: Progress) -> Any:
+            nonlocal first
             spent = (now.seconds - begun) / 60
+            if not spent:
+                first = now.steps  # the first iteration compiles, and counts as no time
             self._draw(now, trainer, spent, (now.steps - first) / spent if spent else 0.0)
             return None if then is None else then(now)
 
@@ -55,9 +58,12 @@ class Bar:
 
     def _draw(self, now: Progress, trainer: Trainer, spent: float, per_minute: float) -> None:
         left = None if self._minutes is None else max(0.0, self._minutes - spent)
+        # By the mean speed: a single iteration, which may have saved, says little.
         if self._steps is None and left is not None:
-            # By the mean speed: a single iteration, which may have saved, says little.
             self._bar.total = int(now.steps + left * per_minute)
+        elif self._steps is not None and per_minute:
+            by_steps = max(0, self._steps - now.steps) / per_minute
+            left = by_steps if left is None else min(left, by_steps)
         made = trainer.env.made_from
         stage = stage_of(made.name, now.metrics) if made and now.metrics.get("episodes") else ""
         self._bar.set_description_str(f"{trainer.config.worlds} worlds")

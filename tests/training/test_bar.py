@@ -23,3 +23,16 @@ def test_the_first_iteration_which_takes_no_time_says_nothing_of_what_is_left():
     with training.Bar(minutes=10) as bar:
         bar.of(TRAINER)(training.Progress(2, 1500, 60.0, {"compile_s": 9.0}))
         assert bar._bar.total == 1500
+
+
+def test_what_is_left_of_steps_follows_from_the_mean_speed():
+    """Two of three iterations took time, a minute each; of both ends the nearer one is shown."""
+    for minutes, left in ((None, "4.0 min left"), (3, "1.0 min left"), (60, "4.0 min left")):
+        with training.Bar(minutes, steps=8000) as bar:
+            after = bar.of(TRAINER)
+            after(training.Progress(2, 2000, 60.0, {"compile_s": 9.0}))
+            assert ("left" in bar._bar.postfix) == (minutes is not None), "nothing is known of the speed yet"
+            after(training.Progress(3, 3000, 120.0, {"env_steps_per_s": 16.7}))
+            after(training.Progress(4, 4000, 180.0, {"env_steps_per_s": 16.7}))
+            assert bar._bar.postfix.endswith(left)
+            assert bar._bar.total == 8000
