@@ -235,8 +235,8 @@ def _version(name: str) -> str:
 def _engine(impl: str) -> str:
     try:
         check_impl(impl)
-    except maax.MissingLibraryError as error:
-        return str(error)
+    except maax.MissingLibraryError:  # Warp's alone: MJX comes with the package
+        return 'not installed: pip install -e ".[cuda]" in a clone of maax_mjx brings it (NVIDIA GPUs)'
     platform_of = jax.default_backend()
     if impl == "c" and platform_of != "cpu":
         return "only with JAX_PLATFORMS=cpu in the environment"

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 
 import mujoco
 import numpy as np
@@ -334,6 +335,15 @@ def test_info(capsys):
     assert "Four players in a room" in printed
     assert "A room with boxes and ramps" not in printed
     assert "action space" in printed
+
+
+def test_info_says_what_brings_warp(capsys, monkeypatch):
+    monkeypatch.setattr("maax_mjx.physics.select.warp_is_installed", lambda: False)
+    main(["info", "--json"])
+    told = json.loads(capsys.readouterr().out)["engines"]["warp"]
+    assert told == 'not installed: pip install -e ".[cuda]" in a clone of maax_mjx brings it (NVIDIA GPUs)'
+    extras = metadata.metadata("maax_mjx").get_all("Provides-Extra")
+    assert "cuda" in extras
 
 
 def test_info_of_a_policy(capsys):
