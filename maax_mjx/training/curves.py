@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,13 @@ from maax_mjx.common.whole import whole
 
 POINTS = 400
 """Points of a curve; of more, neighbours are averaged."""
+WINDOW = 20
+"""Iterations of a running mean."""
 PANELS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("reward per step", ("reward_",)),
     ("caught, share of the steps", ("episode_caught",)),
     ("metres", ("episode_max_",)),
-    ("locked", ("episode_boxes_locked", "episode_ramps_locked")),
+    ("objects locked (number)", ("episode_boxes_locked", "episode_ramps_locked")),
     ("entropy, nats", ("entropy_",)),
     ("explained variance", ("explained_",)),
     ("divergence; share clipped", ("kl", "clipped")),
@@ -46,17 +48,32 @@ def draw_curves(rows: Sequence[dict[str, Any]], path: Path) -> None:
     for i, (title, found) in enumerate(panels):
         axes = figure.add_subplot(-(-len(panels) // 2), 2, i + 1)
         for name in found:
-            kept = [(row["steps"], row[name]) for row in rows if row.get(name) is not None]
+            kept = [(row["steps"], row[name]) for row in rows if _tells(row, name)]
             if kept:
-                x, y = _thinned(np.asarray(kept, float))
-                axes.plot(x / 1e6, y, label=name.removeprefix("episode_").replace("_", " "), linewidth=1.2)
+                points = np.asarray(kept, float)
+                x, y = _thinned(points)
+                (pale,) = axes.plot(x / 1e6, y, alpha=0.25, linewidth=1)
+                x, y = _thinned(np.stack([points[:, 0], _running(points[:, 1])], axis=1))
+                label = name.removeprefix("episode_").replace("_", " ")
+                axes.plot(x / 1e6, y, label=label, color=pale.get_color(), linewidth=1.4)
         axes.set_title(title, fontsize=9)
         axes.set_xlabel("million env steps", fontsize=8)
         axes.tick_params(labelsize=8)
         axes.grid(alpha=0.3)
         axes.legend(fontsize=7)
+    figure.suptitle(f"pale: every iteration; full: the mean of the last {WINDOW}", fontsize=8)
     with whole(path) as part:
         figure.savefig(part, dpi=100)
+
+
+def _tells(row: Mapping[str, Any], name: str) -> bool:
+    """Whether a row has a number of that name; those of episodes mean nothing where none ended."""
+    return row.get(name) is not None and bool(row.get("episodes", 1) or not name.startswith("episode_"))
+
+
+def _running(values: np.ndarray) -> np.ndarray:
+    """The mean of each of some values (n,) and those before it, of a window at most."""
+    return np.stack([values[max(0, i + 1 - WINDOW) : i + 1].mean() for i in range(len(values))])
 
 
 def _thinned(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
