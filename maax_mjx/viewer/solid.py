@@ -39,6 +39,8 @@ FROM_ABOVE = -72.0
 """Elevation of the camera in galleries, in degrees: nearer to that of a plan, since what stands up is small there."""
 NAMES = 0.026
 """Height of agents' names, as a share of a tile's width."""
+CAPTION, BACKED = (12, 8), 0.75
+"""Pixels from a picture's upper left to its words, and the share of white in what is behind them."""
 SUN = np.array([0.55, -0.15, -1.0])
 
 
@@ -224,7 +226,7 @@ class Solid:
                 at = at - (0, up)
                 pen.text(tuple(at), text, fill=colour, font=small, anchor=anchor, **edged)
             if not gallery.strip:
-                pen.multiline_text((12, 8), "\n".join(frame.text), fill=as_bytes(DARK), font=large, spacing=1, **edged)
+                caption(picture, frame.text, large)
                 continue
             # A picture of its own, over whose edge no word goes.
             strip = Image.new("RGB", (gallery.tile[0], gallery.strip), as_bytes(SKY))
@@ -232,6 +234,22 @@ class Solid:
             ImageDraw.Draw(strip).multiline_text((4, 1), "\n".join(lines), fill=as_bytes(DARK), font=large, spacing=2)
             picture.paste(strip, (x, y))
         return np.asarray(picture).copy()
+
+
+def caption(picture: Image.Image, lines: Sequence[str], font: Any) -> None:
+    """Writes the words of a single world into its picture, on a pale box: walls and names may be behind them.
+
+    Args:
+        picture: written into.
+        lines: of the words.
+        font: of them.
+    """
+    pen, words = ImageDraw.Draw(picture), "\n".join(lines)
+    x0, y0, x1, y1 = pen.multiline_textbbox(CAPTION, words, font=font, spacing=1)
+    box = max(0, int(x0) - 6), max(0, int(y0) - 5), min(picture.width, int(x1) + 7), min(picture.height, int(y1) + 6)
+    behind = picture.crop(box)
+    picture.paste(Image.blend(behind, Image.new("RGB", behind.size, "white"), BACKED), box[:2])
+    pen.multiline_text(CAPTION, words, fill=as_bytes(DARK), font=font, spacing=1)
 
 
 def _cut(line: str, font: Any, width: int) -> str:
