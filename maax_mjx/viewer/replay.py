@@ -20,6 +20,8 @@ ENDINGS = (".html", ".htm")
 FPS = 30
 HEIGHT = 500
 SHAPE_OF_PAGE = (16, 10)
+TITLE = "<title>Viser</title>"
+"""Of viser's pages."""
 WORDS = 0.2
 """Height of the words above a world, as a share of its edge."""
 
@@ -121,7 +123,13 @@ def replay(
             nodes.next()
         # The last frame stays as long as the others before the page begins again.
         serializer.insert_sleep(last / max(len(shown.times) - 1, 1))
-        made = Replay(serializer.as_html(), len(shown.times), last)
+        made = Replay(_titled(serializer.as_html(), env), len(shown.times), last)
     if path is not None:
         made.save(path)
     return made
+
+
+def _titled(page: str, env: Environment) -> str:
+    """The page with the game's name as its title."""
+    name = env.made_from.name if env.made_from else "maax_mjx"
+    return page.replace(TITLE, f"<title>{html.escape(name)}</title>", 1)

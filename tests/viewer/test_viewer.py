@@ -435,6 +435,7 @@ def test_the_page_holds_all_it_needs(page, tmp_path):
     assert not re.search(r"""(src|href|url)\s*[=(]\s*["']?(https?:)?//""", page.html)
     assert set(re.findall(r"https?://[\w.]+", page.html)) <= {"http://www.w3.org"}
     assert len(page.html) < 2e6
+    assert re.findall("<title>.*</title>", page.html) == ["<title>hide_and_seek</title>"]
     assert page.save(tmp_path / "x.html").read_text() == page.html
     cell = page._repr_html_()
     assert cell.startswith("<iframe srcdoc=")
