@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -70,7 +72,7 @@ def run_play(args: Play, overrides: Mapping[str, str]) -> None:
     for player in (opponents, policy):
         if isinstance(player, TrainedPolicy):
             overrides = as_learnt(args.env, player) | dict(overrides)
-    with Interrupt():
+    with Interrupt(), _without_handshakes():
         env = make_env(args.env, args.impl, overrides)
         if args.agent is not None:
             check_choice("agent", args.agent, [*env.agent_names, NOBODY])
@@ -89,3 +91,15 @@ def run_play(args: Play, overrides: Mapping[str, str]) -> None:
             live.wait()
         finally:
             live.stop()
+
+
+@contextmanager
+def _without_handshakes() -> Iterator[None]:
+    """Keeps tracebacks of connections that never were, such as of a browser that looks ahead, out of the terminal."""
+    logger = logging.getLogger("websockets.server")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
