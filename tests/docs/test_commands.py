@@ -18,6 +18,7 @@ from maax_mjx.cli.worlds import parse_placement
 from maax_mjx.common.annotated import check_fields
 from maax_mjx.common.checks import check_choice
 from maax_mjx.tasks import registry
+from maax_mjx.tasks.brought import module_of
 from maax_mjx.training.config import PRESETS, preset
 
 bench = sys.modules["maax_mjx.cli.bench"]  # the package has a function of that name
@@ -58,7 +59,7 @@ def look(args, fields=()):
 def looking(tmp_path, monkeypatch, made_once):
     """A folder with the game that the pages write, and commands that do nothing."""
     (block,) = (block for block in BLOCKS.values() if 'maax.register("football"' in block)
-    (tmp_path / "my_game.py").write_text(block.partition("\nenv = ")[0])
+    (tmp_path / "my_game.py").write_text(block)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(registry, "_TASKS", dict(registry._TASKS))
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -80,6 +81,13 @@ def test_commands_are_understood(looking, capsys):
             if exited.code:
                 refused.append(f"{page.relative_to(ROOT)}: {line}\n{capsys.readouterr().err}")
     assert not refused, "\n".join(refused)
+
+
+def test_a_command_makes_no_other_game_of_the_file_that_it_reads(looking, monkeypatch):
+    made = []
+    monkeypatch.setattr(maax, "make", lambda *args, **_: made.append(args))
+    module_of("my_game.py:football")
+    assert not made
 
 
 @pytest.mark.parametrize(
