@@ -234,7 +234,7 @@ def _rows(result: Mapping[str, Any]) -> dict[str, str]:
     n, recent = result["recent_episodes"], result["recent_iterations"]
     over = "the last iteration" if recent == 1 else f"the last {recent} iterations"
     if n:
-        returns = [f"{key.removeprefix(RETURN)} {x:+g}" for key, x in result.items() if key.startswith(RETURN)]
+        returns = [f"{key.removeprefix(RETURN)} {x + 0.0:+g}" for key, x in result.items() if key.startswith(RETURN)]
         rows["mean return"] = f"{', '.join(returns)} for each agent, of the {n:,} episodes that ended in {over}"
         if CAUGHT in result:
             rows["caught"] = f"in {result[CAUGHT]:g} of the steps after preparation, in these episodes"

@@ -43,6 +43,11 @@ def test_what_a_single_iteration_does_not_tell_is_no_number(tmp_path):
     assert "caught" not in rows
 
 
+def test_nothing_gained_has_no_minus(tmp_path):
+    _, rows = ended(tmp_path, progress(1, 0.0, 2.0, 0.00001))
+    assert rows["mean return"] == "hiders +0 for each agent, of the 2 episodes that ended in the last iteration"
+
+
 def test_files_are_those_of_the_folder(tmp_path):
     for name in ("past", "saves", "learner"):
         (tmp_path / name).mkdir()
