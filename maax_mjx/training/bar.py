@@ -44,7 +44,8 @@ class Bar:
             then: called after the bar is drawn; its result is that of the returned function.
         """
         begun, first = trainer.seconds, trainer.steps
-        self._bar.update(first)
+        # Not made in this call: the bar's own guess of the time would count them as quick.
+        self._bar.n = self._bar.initial = self._bar.last_print_n = first
 
         def after(now: Progress) -> Any:
             nonlocal first

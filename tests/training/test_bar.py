@@ -36,3 +36,10 @@ def test_what_is_left_of_steps_follows_from_the_mean_speed():
             after(training.Progress(4, 4000, 180.0, {"env_steps_per_s": 16.7}))
             assert bar._bar.postfix.endswith(left)
             assert bar._bar.total == 8000
+
+
+def test_steps_of_earlier_calls_are_no_speed():
+    with training.Bar(steps=8000) as bar:
+        bar.of(TRAINER)
+        assert bar._bar.format_dict["n"] == bar._bar.format_dict["initial"] == 1000
+        assert not bar._bar.format_dict["rate"]
