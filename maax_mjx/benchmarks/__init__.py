@@ -3,6 +3,7 @@
 BENCHMARKS = (
     "adapters",
     "breakdown",
+    "compare",
     "counting",
     "devices",
     "engines",

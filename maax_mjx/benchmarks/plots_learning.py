@@ -1,4 +1,4 @@
-"""Pictures of `transfer`: what agents learn with and without what they knew before."""
+"""Pictures of `transfer` and `compare`: what agents learn, and with what."""
 
 from __future__ import annotations
 
@@ -29,5 +29,24 @@ def transfer(figure: Figure, rows: list[Row]) -> None:
     legend(figure, 2)
 
 
-FIGURES: dict[str, Fill] = {"transfer": transfer}
+def compare(figure: Figure, rows: list[Row]) -> None:
+    """Numbers of runs over env steps, a panel for every number and a colour for every label."""
+    labels = list(dict.fromkeys(row["run"] for row in rows))
+    numbers = list(rows[0]["curves"])
+    n_rows = 2 if len(numbers) == 4 else 1
+    axes = [ax for row in panels(figure, n_rows, len(numbers) // n_rows) for ax in row]
+    for ax, number in zip(axes, numbers, strict=True):
+        for i, label in enumerate(labels):
+            runs = [row["curves"][number] for row in rows if row["run"] == label]
+            for j, run in enumerate(runs):
+                x, y = np.array(run).T
+                named = {"label": label} if j == 0 else {}
+                ax.plot(x / 1e6, y, color=COLOURS[i % len(COLOURS)], linewidth=1.2, **named)
+        ax.set_title(number.removeprefix("episode_").replace("_", " "), fontsize=10)
+        ax.set_xlabel("million env steps")
+        ax.grid(alpha=0.3, linewidth=0.5)
+    legend(figure)
+
+
+FIGURES: dict[str, Fill] = {"transfer": transfer, "compare": compare}
 """Kinds of pictures by the beginning of a file's name."""

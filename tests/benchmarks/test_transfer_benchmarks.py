@@ -9,7 +9,7 @@ import pytest
 from helpers import seeds
 
 from maax_mjx import training
-from maax_mjx.benchmarks import counting, plots, transfer
+from maax_mjx.benchmarks import compare, counting, plots, transfer
 from maax_mjx.training import config
 
 STEPS = 1000
@@ -95,3 +95,37 @@ def test_memories_are_those_of_frozen_weights(monkeypatch):
     assert np.abs(first[0] - other[0]).max() > 0.01
     assert ((first[1] >= 0) & (first[1] <= 6)).all()
     assert np.ptp(first[0], axis=0).max() > 1e-3, "worlds are told apart"
+
+
+def pieces(path, caught, worlds=10):
+    """A run of 5 iterations of 100 steps, in each of which 5 episodes end, but for the first."""
+    path.mkdir(parents=True)
+    about = {"conditions": {"devices": ["a GPU"]}, "settings": {"worlds": worlds}}
+    (path / "run.json").write_text(json.dumps(about))
+    rows = [
+        {"steps": 100 * i, "seconds": 6.0 * i, "episodes": 0 if i == 1 else 5 * i, "episode_caught": x}
+        for i, x in enumerate(caught, 1)
+    ]
+    (path / "metrics.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+def test_runs_are_compared_over_the_steps_of_all_their_pieces(run, folder):
+    """Beginnings of a piece, whose first episodes are short, are left out; means are of episodes."""
+    pieces(folder / "a", [0.9, 0.9, 0.1, 0.2, 0.4])
+    pieces(folder / "b", [0.9, 0.9, 0.9, 0.6, 0.6])
+    options = {"runs": (f"long={folder / 'a'}+{folder / 'b'}", f"short={folder / 'a'}"), "every": 200}
+    options["numbers"] = ("episode_caught",)
+    long, short = run(compare, folder / "compare_cpu.json", **options)
+    assert (long["steps"], long["minutes"], long["chase"], long["devices"]) == (1000, 1.0, 200, ["a GPU"])
+    mean = (0.1 * 15 + 0.2 * 20) / 35
+    assert short["curves"]["episode_caught"] == [[400, round(mean, 4)], [500, 0.4]]
+    assert long["curves"]["episode_caught"][:2] == [[400, round(mean, 4)], [500, 0.4]]
+    assert long["curves"]["episode_caught"][2:] == [[800, 0.9], [1000, 0.6]]
+    assert run(compare, folder / "some_cpu.json", **options | {"steps": 400})[0]["steps"] == 400
+    for bad in ("nothing", "=a", f"x={folder / 'c'}"):
+        with pytest.raises(ValueError, match=r"runs: got .*; takes LABEL=FOLDER"):
+            run(compare, folder / "bad_cpu.json", **options | {"runs": (bad,)})
+    with pytest.raises(ValueError, match=r"numbers: got 'wrong', which .* lacks"):
+        run(compare, folder / "bad_cpu.json", **options | {"numbers": ("wrong",)})
+    picture = plots.draw(folder / "compare_cpu.json", plots.FIGURES["compare"])
+    assert picture.stat().st_size > 10_000
