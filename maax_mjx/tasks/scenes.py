@@ -151,6 +151,15 @@ def shelter(impl: str = "auto", horizon: int = 240) -> Scene:
     return _alone("shelter", sheltering.shelter, impl, horizon, n_bins=None)
 
 
+def object_counting(impl: str = "auto") -> Scene:
+    """An agent that cannot move watches boxes that pass behind screens."""
+
+    def watch(state: State, env: Environment) -> tuple[jax.Array, dict[str, Any]]:
+        return jnp.zeros(3), {}
+
+    return _alone("object_counting", watch, impl, 120)
+
+
 def _alone(game: str, script: scripted.SoloScript, impl: str, horizon: int, **options: Any) -> Scene:
     """A game of one agent that a script plays, up to the step before the last.
 
@@ -175,6 +184,7 @@ SCENES = {
     "blueprint": blueprint,
     "sequential_lock": sequential_lock,
     "shelter": shelter,
+    "object_counting": object_counting,
 }
 
 
