@@ -5,6 +5,7 @@ A kind of picture is one function of an empty figure and a record's rows; `FIGUR
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,20 +59,22 @@ def draw(path: Path, fill: Fill) -> Path:
     figure = Figure(layout="constrained")
     FigureCanvasAgg(figure)
     fill(figure, rows)
-    figure.supxlabel(caption(found["conditions"], rows[0].get("devices")), fontsize=8, color="#555555")
+    trained_on = [row["devices"] for row in rows if isinstance(row.get("devices"), list)]
+    line = caption(found["conditions"], sorted({name for names in trained_on for name in names}))
+    figure.supxlabel(line, fontsize=8, color="#555555")
     picture = path.with_suffix(".png")
     figure.savefig(picture, dpi=130)
     return picture
 
 
-def caption(conditions: dict[str, Any], trained_on: Any = None) -> str:
+def caption(conditions: dict[str, Any], trained_on: Sequence[str] = ()) -> str:
     """Line that says where and when a record was measured.
 
     Args:
         conditions: of the record.
         trained_on: devices of the runs that a record of training was read from, perhaps on another machine.
     """
-    if isinstance(trained_on, list):
+    if trained_on:
         return f"trained on {', '.join(trained_on)}; {conditions['date']}"
     devices = conditions["devices"]
     count = f"{len(devices)} x " if len(devices) > 1 else ""

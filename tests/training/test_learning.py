@@ -128,7 +128,8 @@ def test_a_policy_learns_from_steps_without_effect_only_if_they_count(worlds, st
 def test_only_who_remembers_learns_to_echo(worlds, start):
     with_memory, _ = learn(worlds, start, settings("lstm"), 60)
     without, _ = learn(worlds, start, settings("none"), 30)
-    last = [np.mean([row["return_hiders"] + row["return_seekers"] for row in rows[-5:]]) / 2 for rows in
+    # A policy that has learnt it may lose it for some iterations, on some processors with some seeds.
+    last = [np.median([row["return_hiders"] + row["return_seekers"] for row in rows[-25:]]) / 2 for rows in
             (with_memory, without)]  # fmt: skip
     assert last[0] > 0.9, "the sign was remembered"
     assert abs(last[1]) < 0.3, "by chance"
