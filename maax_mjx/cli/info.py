@@ -64,24 +64,18 @@ def info(args: Info, overrides: Mapping[str, str]) -> None:
     Raises:
         ValueError: an unknown environment.
     """
-    if args.env and is_of_faults(args.env):
-        if overrides:
-            raise ValueError(
-                f"env: got {sorted(overrides)} for {args.env}; a fault is of the game that it has, without other fields"
-            )
-        result = of_fault(Path(args.env))
-    elif args.env and is_of_policy(args.env):
-        if overrides:
-            raise ValueError(
-                f"env: got {sorted(overrides)} for {args.env}; a policy is of its own game, without other fields"
-            )
-        result = of_policy(args.env)
-    elif args.env in PRESETS:
-        if overrides:
-            raise ValueError(f"env: got {sorted(overrides)} for the preset {args.env}; takes them for a game")
-        result = of_preset(args.env)
-    else:
+    kinds = {
+        "file of a fault": (is_of_faults, lambda word: of_fault(Path(word))),
+        "policy": (is_of_policy, of_policy),
+        "preset": (PRESETS.__contains__, of_preset),
+    }
+    found = next(((kind, read) for kind, (is_one, read) in kinds.items() if args.env and is_one(args.env)), None)
+    if found is None:
         result = of_env(args.env, overrides) if args.env else of_installation()
+    elif overrides:
+        raise ValueError(f"env: got {sorted(overrides)} for the {found[0]} {args.env}; takes them for a game")
+    else:
+        result = found[1](args.env)
     report(result, args.json, "\n".join(_lines(result)))
 
 

@@ -354,7 +354,7 @@ def test_info_of_a_policy(capsys):
     assert told["networks"]["core"] == policy.network.net.core == "none"
     with pytest.raises(SystemExit):
         main(["info", "tag/trained", "--env.n_frames", "3"])
-    assert "a policy is of its own game" in capsys.readouterr().err
+    assert "for the policy tag/trained; takes them for a game" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", training.PRESETS)
