@@ -13,11 +13,11 @@ import maax_mjx as maax
 from maax_mjx.viewer.stage import Stage
 from maax_mjx.worldgen import ObjFromXML
 
-# 0.8 x 0.6 x 0.6 m; the drawer opens towards -y, the flap above it swings up.
+# 0.8 x 0.6 x 0.6 m, and room for an open drawer; it opens towards -y, the flap above it swings up.
 DESK = """<mujoco>
   <compiler angle="degree"/>
   <worldbody>
-    <body name="annotation:outer_bound"><geom type="box" pos="0 0 .3" size=".4 .3 .3"/></body>
+    <body name="annotation:outer_bound"><geom type="box" pos="0 0 .3" size=".4 .4 .3"/></body>
     <body name="main" pos="0 0 .3">
       <joint name="x" type="slide" axis="1 0 0"/> <joint name="y" type="slide" axis="0 1 0"/>
       <joint name="z" type="slide" axis="0 0 1"/> <joint name="yaw" type="hinge" axis="0 0 1"/>
@@ -42,7 +42,7 @@ class Desks(maax.Entities):
 
     kind = "desk"
 
-    def __init__(self, n_desks=1, file=DESK, pose=None, extent=(0.8, 0.6, 0.6), **options):
+    def __init__(self, n_desks=1, file=DESK, pose=None, extent=(0.8, 0.8, 0.6), **options):
         super().__init__(n_desks, extent, maax.uniform_placement, **options)
         self.file, self.pose = file, pose
 
@@ -214,7 +214,7 @@ for box in ('type="box" size=".3 .28 .08"', 'type="box" pos="0 0 .02" size=".2 .
 class Walkers(maax.Agents):
     def __init__(self, n_agents):
         super().__init__(n_agents)
-        self.extent = np.array((0.8, 0.6, 0.6), np.float32)
+        self.extent = np.array((0.8, 0.8, 0.6), np.float32)
 
     def make(self, name):
         file = DESK.replace("</mujoco>", "") + "<actuator>"
