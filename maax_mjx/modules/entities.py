@@ -39,7 +39,7 @@ class Entities(Placed):
 
     Args:
         count: number per world, or (low, high).
-        extent: largest extents (x, y, z) of one entity in metres.
+        extent: largest extents (x, y, z) of one entity in metres, as it begins: with its drawers open, if they are.
         placement_fn: one function for all, or a list with one per slot.
         friction: sliding friction, or a range of it; None keeps MuJoCo's default of 1.
         free: whether `make` gives a free joint instead of slides x, y, z and a yaw hinge.
