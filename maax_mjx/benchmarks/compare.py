@@ -42,6 +42,8 @@ class Config(Options):
 
     def check(self) -> None:
         super().check()
+        if not self.runs:
+            raise ValueError("runs: got none; takes LABEL=FOLDER or LABEL=FOLDER+FOLDER, folders of runs")
         for run in self.runs:
             label, _, folders = run.partition("=")
             for path in map(Path, folders.split("+")):

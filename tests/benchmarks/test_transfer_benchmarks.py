@@ -127,5 +127,7 @@ def test_runs_are_compared_over_the_steps_of_all_their_pieces(run, folder):
             run(compare, folder / "bad_cpu.json", **options | {"runs": (bad,)})
     with pytest.raises(ValueError, match=r"numbers: got 'wrong', which .* lacks"):
         run(compare, folder / "bad_cpu.json", **options | {"numbers": ("wrong",)})
+    with pytest.raises(ValueError, match="runs: got none; takes LABEL=FOLDER"):
+        run(compare, folder / "bad_cpu.json", **options | {"runs": ()})
     picture = plots.draw(folder / "compare_cpu.json", plots.FIGURES["compare"])
     assert picture.stat().st_size > 10_000
