@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -38,6 +38,10 @@ class Options:
             ValueError: naming the option.
         """
         check_fields(self)
+        for option in fields(self):
+            # Where the default is empty, no value means something of its own.
+            if option.default and isinstance(option.default, tuple) and not getattr(self, option.name):
+                raise ValueError(f"{option.name}: got none; takes at least one")
         if self.out is not None and self.out.is_dir():
             raise ValueError(f"out: got {self.out}, which is a folder; takes a JSON file")
 
