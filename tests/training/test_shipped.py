@@ -22,6 +22,9 @@ def test_all_are_small_and_load():
     names = training.policies()
     assert {
         "full/boxes",
+        "full/ramps",
+        "hide_and_seek_food/trained",
+        "lock_and_return/trained",
         "quadrant/chase",
         "quadrant/forts",
         "quadrant/ramps",
@@ -70,7 +73,7 @@ def test_what_is_there_comes_before_a_name(tmp_path, monkeypatch):
 def test_unknown_names_are_refused_with_the_known_ones(name):
     with pytest.raises(
         ValueError,
-        match=r"which is not there; takes .* one of \['capture_the_flag/near', .*'quadrant/forts', .*'tag/trained'\]",
+        match=r"which is not there; takes .* one of \['blueprint/trained', .*'quadrant/forts', .*'tag/trained'\]",
     ):
         training.Policy.load(name)
     with pytest.raises(ValueError, match="against: got"):
