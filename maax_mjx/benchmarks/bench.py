@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -38,10 +38,6 @@ class Options:
             ValueError: naming the option.
         """
         check_fields(self)
-        for option in fields(self):
-            # Where the default is empty, no value means something of its own.
-            if option.default and isinstance(option.default, tuple) and not getattr(self, option.name):
-                raise ValueError(f"{option.name}: got none; takes at least one")
         if self.out is not None and self.out.is_dir():
             raise ValueError(f"out: got {self.out}, which is a folder; takes a JSON file")
 
@@ -115,8 +111,12 @@ def benchmark(
 
     def main(options: O) -> None:
         options.check()
+        found = list(cases(options))
+        without = [name for name, value in vars(options).items() if value == ()]
+        if not found and without:
+            raise ValueError(f"{', '.join(without)}: got none; takes at least one")
         rows = record.resume(options.out, row)
-        fill(options, rows, cases(options), lambda case: measure(case, options), line, header)
+        fill(options, rows, found, lambda case: measure(case, options), line, header)
 
     return Command(config, main)
 

@@ -208,15 +208,6 @@ def test_no_number_of_any_benchmark_may_be_negative(name):
     assert numbers or lists
 
 
-@pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "plots"])
-def test_no_list_of_any_benchmark_may_be_empty(name):
-    config = import_module(f"maax_mjx.benchmarks.{name}").COMMAND.config
-    for f in fields(config):
-        if isinstance(f.default, tuple) and f.default:
-            with pytest.raises(ValueError, match=f"{f.name}: got none; takes"):
-                config(**{f.name: ()}).check()
-
-
 def test_files_that_are_no_records(tmp_path):
     path = tmp_path / "sampling_x.json"
     for text, message in [

@@ -66,6 +66,13 @@ def test_rows_keep_the_run_that_measured_them(tmp_path):
         assert row["measured"]["commit"] == commit()
 
 
+def test_a_benchmark_of_nothing_is_refused(tmp_path):
+    """It measured nothing, in silence."""
+    with pytest.raises(ValueError, match="numbers: got none; takes at least one"):
+        COUNT.main(Config(out=tmp_path / "count.json", numbers=()))
+    assert not (tmp_path / "count.json").exists()
+
+
 def test_rows_from_before_that_are_kept_as_they_are(tmp_path):
     """Nothing is invented about them when a later run adds rows."""
     path = tmp_path / "count.json"
