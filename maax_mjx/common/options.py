@@ -68,13 +68,24 @@ def sentence(box: str) -> str:
         parts = parts[1:]
     said = re.sub(r" \(applied to [^)]*\)", "", parts[0]).partition(" Arguments are applied")[0].rstrip(".")
     near = box.partition("Perhaps")[2]
-    # What was given is an option of another command where it is also what was meant.
-    meant = dict.fromkeys(name for name in re.findall(OPTION, near, re.MULTILINE) if name not in said.split())
-    hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
-    # tyro names the command that was given for some mistakes alone; its guesses are of any.
+    # tyro names the command that was given for some mistakes alone; its first guess is of it.
     command = (
         re.search(r"\(applied to (maax-mjx[\w -]*)\)", parts[0])
         or re.search(r"(maax-mjx[\w -]*) --help", near)
         or re.search(r"(maax-mjx[\w -]*) --help", parts[-1])
     )
+    # What was given is an option of another command where it is also what was meant.
+    meant = [name for name in guesses(near, command[1] if command else "") if name not in said.split()]
+    hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
     return said[:1].lower() + said[1:] + hint + (f"; {command[1]} --help lists what it takes" if command else "")
+
+
+def guesses(near: str, command: str) -> list[str]:
+    """Returns the options that tyro guesses in its box, without those that it says are other commands' alone."""
+    _, *rest = re.split(OPTION, near, flags=re.MULTILINE)
+    found = {}
+    for name, text in zip(rest[::2], rest[1::2], strict=True):
+        commands = re.findall(r"in (maax-mjx[\w -]*) --help", text)
+        if command in commands or not commands:
+            found[name] = True
+    return list(found)

@@ -143,6 +143,7 @@ def test_replay(played, kind, capsys):
             "maax-mjx: unrecognized or misplaced options: --devices 7; maax-mjx rollout --help lists what it takes",
         ),
         (["rollout", "tag", "--n", "3"], "maax-mjx: unrecognized or misplaced options: --n 3; did you mean"),
+        (["rollout", "tag", "--world", "4"], "--world, 4; did you mean --worlds?; maax-mjx rollout --help"),
         (["rollout", "tag", "--worlds"], "missing value for argument '--worlds'. Expected 1 values; maax-mjx rollout"),
         (["evaluate"], "missing from maax-mjx evaluate: STR A policy"),
         (["bench", "layouts", "--worlds", "many"], "worlds: got ('many',); takes a list, each a whole number"),

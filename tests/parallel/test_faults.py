@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ import pytest
 
 import maax_mjx as maax
 from maax_mjx.cli import main
+from maax_mjx.core.faults import astray
 from maax_mjx.parallel import faults
 
 GAME = {"n_boxes": 1, "n_ramps": 0, "scenario": "empty", "impl": "c"}
@@ -175,3 +177,18 @@ def test_the_shell_says_what_went_wrong(kept, tmp_path, capsys):
         with pytest.raises(SystemExit):
             main(words)
         assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("place", "closed", "wrong"),
+    [
+        ((-0.24, 3, 0.2), True, True),  # where a trained hider stood behind the outer wall
+        ((3, 6.24, 0.2), True, True),
+        ((-0.1, 3, 0.2), True, False),
+        ((-0.24, 3, 0.2), False, False),
+        ((3, 3, -0.24), False, True),
+    ],
+)
+def test_behind_the_outer_wall_is_astray(place, closed, wrong):
+    plan = SimpleNamespace(floor_size=jnp.float32(6), closed=jnp.bool_(closed))
+    assert bool(astray(plan, jnp.float32([place]), np.array([True]))[0]) is wrong
