@@ -12,7 +12,8 @@ from maax_mjx.physics.data import Data
 MARGIN = 0.2
 """Metres by which an entity's centre may be outside of a closed arena, or below the floor.
 
-An agent that squeezed through the outer wall stood at 0.24 m, outside for good. In play, nothing comes farther than 0.05 m.
+An agent that squeezed through the outer wall stood 0.24 m outside for good. In 256 episodes of trained agents whatever
+was more than 0.05 m outside was also more than 0.3 m outside.
 """
 DIVERGED = 1e10
 """Metres, radians, and these per second, beyond which MuJoCo calls a state bad."""
