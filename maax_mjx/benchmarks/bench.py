@@ -72,8 +72,9 @@ class Command(Generic[C]):
             args: words of the command line; None takes those of the process.
             prog: name of the program in its help.
         """
+        prog = prog or Path(sys.argv[0]).name
         return parsed(
-            lambda: tyro.cli(self.config, args=args, prog=prog, description=self.description, registry=NUMBERS)
+            lambda: tyro.cli(self.config, args=args, prog=prog, description=self.description, registry=NUMBERS), prog
         )
 
     def cli(self) -> None:

@@ -85,8 +85,10 @@ def main(argv: list[str] | None = None) -> None:
 
 def run(argv: list[str]) -> None:
     """Runs any command but `bench`, whose options belong to the benchmarks."""
+    command = "maax-mjx"
     if argv and not argv[0].startswith("-"):
         check_choice("command", argv[0], COMMANDS)
+        command = f"maax-mjx {argv[0]}"
     argv, overrides = split_overrides(argv)
     settings: dict[str, str] = {}
     for group in GROUPS if argv[:1] == ["train"] else ():
@@ -105,7 +107,8 @@ def run(argv: list[str]) -> None:
             description=DESCRIPTION,
             config=(tyro.conf.OmitArgPrefixes,),
             registry=NUMBERS,
-        )
+        ),
+        command,
     )
     if isinstance(args, Rollout):
         rollout(args, overrides)

@@ -43,8 +43,12 @@ def number_of(text: str, kind: Any) -> Any:
     return text
 
 
-def parsed(parse: Callable[[], T]) -> T:
+def parsed(parse: Callable[[], T], command: str) -> T:
     """Calls a parser of tyro's, and raises in a sentence what it would print in a box.
+
+    Args:
+        parse: the parser.
+        command: what was called, as "maax-mjx rollout".
 
     Raises:
         ValueError: options that tyro refuses.
@@ -57,35 +61,30 @@ def parsed(parse: Callable[[], T]) -> T:
     except SystemExit as exited:
         if not exited.code or not printed.getvalue():
             raise
-    raise ValueError(sentence(printed.getvalue()))
+    raise ValueError(sentence(printed.getvalue(), command))
 
 
-def sentence(box: str) -> str:
-    """Returns what a box of tyro's says, on one line."""
+def sentence(box: str, command: str) -> str:
+    """Returns what a box of tyro's says about a command, on one line."""
     inside = [line.strip(" │") for line in box.splitlines() if not line.startswith(("╭", "╰"))]
     parts = [" ".join(part.split()) for part in re.split(r"─{5,}|-{5,}", " ".join(inside))]
     if not box.lstrip().startswith("╭"):  # where only ASCII can be printed: the title, and a line below it
         parts = parts[1:]
     said = re.sub(r" \(applied to [^)]*\)", "", parts[0]).partition(" Arguments are applied")[0].rstrip(".")
-    near = box.partition("Perhaps")[2]
-    # tyro names the command that was given for some mistakes alone; its first guess is of it.
-    command = (
-        re.search(r"\(applied to (maax-mjx[\w -]*)\)", parts[0])
-        or re.search(r"(maax-mjx[\w -]*) --help", near)
-        or re.search(r"(maax-mjx[\w -]*) --help", parts[-1])
-    )
-    # What was given is an option of another command where it is also what was meant.
-    meant = [name for name in guesses(near, command[1] if command else "") if name not in said.split()]
+    meant = guesses(box.partition("Perhaps")[2], command)
+    if set(meant) & set(said.split()):
+        meant = []  # What was given is there, and stands before its command.
     hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
-    return said[:1].lower() + said[1:] + hint + (f"; {command[1]} --help lists what it takes" if command else "")
+    return f"{said[:1].lower()}{said[1:]}{hint}; {command} --help lists what it takes"
 
 
 def guesses(near: str, command: str) -> list[str]:
-    """Returns the options that tyro guesses in its box, without those that it says are other commands' alone."""
+    """Returns the options that tyro guesses, of any command, without those that are other commands' alone."""
     _, *rest = re.split(OPTION, near, flags=re.MULTILINE)
-    found = {}
+    found = []
     for name, text in zip(rest[::2], rest[1::2], strict=True):
         commands = re.findall(r"in (maax-mjx[\w -]*) --help", text)
-        if command in commands or not commands:
-            found[name] = True
-    return list(found)
+        # Before any command, those of all are meant; where there is one command alone, tyro names none.
+        if not commands or any(x.startswith(command) for x in commands):
+            found.append(name)
+    return list(dict.fromkeys(found))

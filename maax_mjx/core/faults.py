@@ -12,8 +12,8 @@ from maax_mjx.physics.data import Data
 MARGIN = 0.2
 """Metres by which an entity's centre may be outside of a closed arena, or below the floor.
 
-An agent that squeezed through the outer wall stood 0.24 m outside for good. In 256 episodes of trained agents whatever
-was more than 0.05 m outside was also more than 0.3 m outside.
+An agent that squeezed through the outer wall stood 0.24 m outside for good. 256 episodes of trained agents had the
+same number of faults with 0.05, 0.1, 0.2 and 0.3 m.
 """
 DIVERGED = 1e10
 """Metres, radians, and these per second, beyond which MuJoCo calls a state bad."""
@@ -45,7 +45,11 @@ def find_fault(
 
 
 def astray(plan: RoomPlan, position: jax.Array, is_agent: np.ndarray) -> jax.Array:
-    """Which entities are more than 0.2 m outside a closed arena or below the floor, or agents above 3 m: (n,) bool."""
+    """Which entities are beyond `MARGIN` outside a closed arena or below the floor, or agents above `AGENT_CEILING`.
+
+    Returns:
+        (n,) bool.
+    """
     out = ((position[:, :2] < -MARGIN) | (position[:, :2] > plan.floor_size + MARGIN)).any(axis=1)
     out &= plan.closed
     return out | (position[:, 2] < -MARGIN) | (is_agent & (position[:, 2] > AGENT_CEILING))
