@@ -71,11 +71,17 @@ def sentence(box: str, command: str) -> str:
     if not box.lstrip().startswith("╭"):  # where only ASCII can be printed: the title, and a line below it
         parts = parts[1:]
     said = re.sub(r" \(applied to [^)]*\)", "", parts[0]).partition(" Arguments are applied")[0].rstrip(".")
+    said = re.sub(r"(?<=one of )\(('[^)]*')\)", lambda found: f"({in_order(found[1])})", said)
     meant = guesses(box.partition("Perhaps")[2], command)
     if set(meant) & set(said.split()):
         meant = []  # What was given is there, and stands before its command.
     hint = f"; did you mean {' or '.join(meant)}?" if meant else ""
     return f"{said[:1].lower()}{said[1:]}{hint}; {command} --help lists what it takes"
+
+
+def in_order(choices: str) -> str:
+    """Returns quoted choices in the order of the alphabet: tyro's order differs from process to process."""
+    return ", ".join(sorted(choice for choice in choices.split(", ") if choice != "'None'"))
 
 
 def guesses(near: str, command: str) -> list[str]:
