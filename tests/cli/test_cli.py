@@ -137,7 +137,10 @@ def test_replay(played, kind, capsys):
         ),
         (["train", "tag", "--steps=10.5"], "steps: got '10.5'; takes a whole number"),
         (["train", "tag", "--minutes=ten"], "minutes: got 'ten'; takes a positive number, or None"),
-        (["train", "tag", "--preset=nope"], "invalid choice 'nope' for argument '--preset'. Expected one of ('baker', 'gpu', 'laptop');"),
+        (
+            ["train", "tag", "--preset=nope"],
+            "'nope' for argument '--preset'. Expected one of ('baker', 'gpu', 'laptop');",
+        ),
         (
             ["rollout", "tag", "--devices", "7"],
             "maax-mjx: unrecognized or misplaced options: --devices 7; maax-mjx rollout --help lists what it takes",

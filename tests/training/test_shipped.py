@@ -21,6 +21,8 @@ BYTES = 2_000_000
 def test_all_are_small_and_load():
     names = training.policies()
     assert {
+        "capture_the_flag/near",
+        "capture_the_flag/trained",
         "full/boxes",
         "full/ramps",
         "hide_and_seek_food/trained",
