@@ -139,7 +139,8 @@ def test_replay(played, kind, capsys):
         (["train", "tag", "--minutes=ten"], "minutes: got 'ten'; takes a positive number, or None"),
         (
             ["train", "tag", "--preset=nope"],
-            "'nope' for argument '--preset'. Expected one of ('baker', 'gpu', 'laptop');",
+            "invalid choice 'nope' for argument '--preset'. "
+            "Expected one of ('baker', 'gpu', 'laptop'); maax-mjx train --help lists what it takes",
         ),
         (
             ["rollout", "tag", "--devices", "7"],
