@@ -32,6 +32,7 @@ def test_all_are_small_and_load():
         "quadrant/chase",
         "quadrant/forts",
         "quadrant/ramps",
+        "quadrant/ramp_defence",
         "tag/trained",
         "hide_and_seek/per_team",
     } <= set(names)
