@@ -1,5 +1,6 @@
 """maax_mjx: multi-agent reinforcement learning in procedurally generated worlds, on MuJoCo MJX."""
 
+from importlib import import_module
 from typing import Any
 
 from maax_mjx.common.runtime import guard_small_hosts, keep_compiled_programs
@@ -48,8 +49,10 @@ from maax_mjx.modules import (  # noqa: E402
     FloorAttributes,
     Food,
     Module,
+    Placed,
     Ramps,
     RandomWalls,
+    Sites,
     StaticCylinders,
     WallScenarios,
     WorldConstants,
@@ -60,6 +63,7 @@ from maax_mjx.physics import MissingLibraryError, NotDifferentiableError, regist
 from maax_mjx.tasks import (  # noqa: E402
     BlueprintConfig,
     CaptureTheFlagConfig,
+    CountingConfig,
     FoodConfig,
     FoodGameConfig,
     FullConfig,
@@ -132,6 +136,8 @@ from maax_mjx.wrappers import (  # noqa: E402
 )
 
 __version__ = VERSION
+LAZY = ("adapters", "benchmarks", "training")
+"""Packages that are imported when they are first read."""
 
 __all__ = [
     "ActionWrapper",
@@ -150,6 +156,7 @@ __all__ = [
     "Column",
     "ConcatenateObservations",
     "ConstructionSites",
+    "CountingConfig",
     "CriticObservations",
     "Curriculum",
     "Cylinders",
@@ -194,6 +201,7 @@ __all__ = [
     "ObjectCounting",
     "ObservationWrapper",
     "Observed",
+    "Placed",
     "PreparationPhase",
     "QuadrantConfig",
     "Ramps",
@@ -207,6 +215,7 @@ __all__ = [
     "SequentialLockConfig",
     "ShelterConfig",
     "ShelterReward",
+    "Sites",
     "SplitObservations",
     "SpoofEntities",
     "StandardConfig",
@@ -274,4 +283,10 @@ def __getattr__(name: str) -> Any:
         from maax_mjx.viewer import live
 
         return getattr(live, name)
+    if name in LAZY:
+        return import_module(f"maax_mjx.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *LAZY})

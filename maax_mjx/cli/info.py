@@ -121,12 +121,14 @@ def check_named(word: str) -> None:
     # Names of policies have a slash, as paths have.
     if "/" in word and not is_game(word) and not word.endswith(".py"):
         check_choice("env", word, policies())
+    if not is_game(word) and ".py" not in word:
+        check_choice("env", word, {*maax.tasks(), *PRESETS, *policies()})
     check_game("env", word)
 
 
 def is_of_policy(word: str) -> bool:
     """Whether a word is a policy's name, its file or the folder of its run, and no environment."""
-    return word not in maax.tasks() and file_of(Path(word.partition("@")[0])).exists()
+    return word not in maax.tasks() and not word.endswith(".py") and file_of(Path(word.partition("@")[0])).exists()
 
 
 def of_policy(word: str) -> dict[str, Any]:

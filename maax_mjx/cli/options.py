@@ -105,7 +105,11 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
     Raises:
         ValueError: an unknown field.
     """
-    return maax.config_of(name, **{"impl": impl, **values_of(name, overrides)})
+    fields = values_of(name, overrides)
+    # A game's config may leave the engine to the game.
+    if impl != "auto" or hasattr(maax.config_of(name), "impl"):
+        fields = {"impl": impl, **fields}
+    return maax.config_of(name, **fields)
 
 
 def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from maax_mjx.common.params import DomainParams, Parameter, check_params, defaul
 from maax_mjx.core.arena_limits import ArenaLimits
 from maax_mjx.core.capacity import check_module, contact_capacity
 from maax_mjx.core.hooks import check_names, checked_observations, checked_overlay, declared_names
-from maax_mjx.core.named import NamedModules
+from maax_mjx.core.named import Named
 from maax_mjx.layout import World
 from maax_mjx.modules import Agents, Entities, Module, Sites
 from maax_mjx.modules.from_model import from_model
@@ -85,7 +85,7 @@ class Composition:
             )
         self._contacts_per_world = check_value("contacts_per_world", contacts_per_world, Contacts | None)
         self.placement_tries = check_value("placement_tries", placement_tries, PositiveCount | None)
-        self._modules = NamedModules()
+        self._modules: Named[Module] = Named("modules")
         self._build = object()
         self.around = Around()
 

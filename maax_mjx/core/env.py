@@ -23,7 +23,7 @@ from maax_mjx.core.copies import copied, reduced
 from maax_mjx.core.describe import Description, describe
 from maax_mjx.core.faults import contain, find_fault
 from maax_mjx.core.generation import draw_layout
-from maax_mjx.core.state import State, check_returned, check_state
+from maax_mjx.core.state import State, check_kept, check_returned, check_state
 from maax_mjx.core.teams import Team, agent_names, make_teams
 from maax_mjx.layout import World
 from maax_mjx.modules import Module
@@ -173,7 +173,7 @@ class Environment(Recorded, ABC):
 
     @from_model
     def _traced_advance(self) -> Any:
-        return jax.jit(self.advance)
+        return jax.jit(lambda state, action: check_kept(self, state, self.advance(state, action)))
 
     def advance(self, state: State, action: Any) -> State:
         """Steps without checks, under this class's name, so that profiles can tell layers apart."""
@@ -297,7 +297,7 @@ class Base(Composition, Environment):
     @property
     def teams(self) -> dict[str, Team]:
         agents = self.agents
-        return make_teams(list(agents.team_sizes), agents.team_index, agents.colors.tolist())
+        return make_teams(list(agents.team_sizes), agents.team_index, agents.colours.tolist())
 
     @cached_property
     def action_space(self) -> spaces.Dict:

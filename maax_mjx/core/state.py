@@ -123,6 +123,22 @@ def check_returned(hook: str, layer: Any, state: Any) -> State:
     return state
 
 
+def check_kept(env: Any, before: State, after: State) -> State:
+    """Refuses a memory that a step began: states keep their structure from `begin` on.
+
+    Raises:
+        ValueError: a wrapper's memory that `begin` did not give, or that is gone after the step.
+    """
+    for name in sorted(after.mechanics.keys() ^ before.mechanics.keys()):
+        layer = next((type(layer).__name__ for layer in env.layers if layer.name == name), name)
+        where = "at a step, and not from begin" if name in after.mechanics else "from begin, and not after a step"
+        raise ValueError(
+            f"remember: got a memory of {layer} {where}; takes one from both: begin returns "
+            "self.remember(self.env.begin(key, params), ...)"
+        )
+    return after
+
+
 def check_fits(states: State, wanted: State, leading: int = 0) -> None:
     """Refuses states with other things in a world or other mechanics than `wanted`; the engine may be another one.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maax_mjx.common.colours import Colour
+from maax_mjx.core.named import Named
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def make_teams(names: Sequence[str], team_index: np.ndarray, colours: Sequence[C
         ValueError: a name that is no text or is there twice, a team without agents, or two teams whose agents would
             have the same names, such as "red" and "reds".
     """
-    teams: dict[str, Team] = {}
+    teams: Named[Team] = Named("teams")
     members: dict[str, str] = {}
     for i, name in enumerate(names):
         if not isinstance(name, str) or not name:

@@ -27,11 +27,13 @@ class Walls(struct.PyTreeNode):
     Attributes:
         axis: int32, VERTICAL or HORIZONTAL.
         line: int32, the column or row.
-        start, end: int32, first and last cell along the wall, both included.
+        start: int32, first cell along the wall.
+        end: int32, last cell along it, included.
         present: bool; what is absent is masked everywhere.
         door_start: int32, first cell of the door.
         door_cells: int32, cells of the door; 0 for none.
-        low, high: int32, the ends of the stretch between junctions that the door lies in.
+        low: int32, where the stretch between junctions that the door lies in begins.
+        high: int32, where it ends.
     """
 
     axis: jax.Array

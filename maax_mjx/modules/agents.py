@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.common.checks import check_bool, check_count, check_count_range
+from maax_mjx.common.checks import check_bool, check_choice, check_count, check_count_range
 from maax_mjx.common.colours import GREY, TEAM_COLOURS, Colour
 from maax_mjx.common.keys import named_keys
 from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Column, Observed
@@ -45,7 +45,8 @@ class Agents(Entities):
             `{"hiders": (1, 3), "seekers": 2}`. The slots of the first team come first. Absent agents are masked
             (`agent_mask`), parked and ignore actions.
         placement_fn: one function for all, or a list with one per slot.
-        colors: RGBA per slot; None gives each team a colour, or grey to a single team.
+        colours: RGBA by team, `{"reds": (0.8, 0.1, 0.1, 1)}`, or per slot. Teams that have none get one by their order,
+            blue first and orange second; a single team is grey.
         random_yaw: whether agents start facing anywhere; else all face -y.
         friction: sliding friction, or a range, the parameter `agent_friction`; None keeps MuJoCo's default of 1.
         damping: damping along x, y (N s/m) and of yaw (Nm s/rad), or a range, the parameter `agent_damping`; z keeps 1.
@@ -68,7 +69,7 @@ class Agents(Entities):
         self,
         n_agents: int | Mapping[str, int | tuple[int, int]],
         placement_fn: PlacementFn | Sequence[PlacementFn] = uniform_placement,
-        colors: Sequence[Sequence[float]] | None = None,
+        colours: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
         random_yaw: bool = False,
         *,
         friction: float | tuple[float, float] | None = None,
@@ -94,13 +95,16 @@ class Agents(Entities):
         self.arms = check_bool("arms", arms)
         if self.arms:
             self.contacts_each = CONTACTS_WITH_ARMS
-        colors = self._team_colours() if colors is None else colors
+        by_slot = self._by_slot(colours) if colours is None or isinstance(colours, Mapping) else colours
         try:
-            self.colors = np.asarray(colors, float)
+            self.colours = np.asarray(by_slot, float)
         except (TypeError, ValueError):
-            self.colors = np.zeros(0)
-        if self.colors.shape != (self.n_max, 4) or not ((self.colors >= 0) & (self.colors <= 1)).all():
-            raise ValueError(f"colors: got {colors!r}; takes {self.n_max} colours of four numbers in [0, 1], one each")
+            self.colours = np.zeros(0)
+        if self.colours.shape != (self.n_max, 4) or not ((self.colours >= 0) & (self.colours <= 1)).all():
+            raise ValueError(
+                f"colours: got {colours!r}; takes {self.n_max} colours of four numbers in [0, 1], one each, or "
+                "one by team"
+            )
 
     @property
     def counts(self) -> dict[str, tuple[int, int]]:
@@ -111,11 +115,15 @@ class Agents(Entities):
         """Team of every slot, (n_max,)."""
         return np.repeat(np.arange(len(self.team_sizes)), [high for _, high in self.team_sizes.values()])
 
-    def _team_colours(self) -> list[Colour]:
-        """Default colour of every slot."""
-        if len(self.team_sizes) == 1:
-            return [GREY] * self.n_max
-        return [TEAM_COLOURS[team % len(TEAM_COLOURS)] for team in self.team_index]
+    def _by_slot(self, colours: Mapping[str, Sequence[float]] | None) -> list[Sequence[float]]:
+        """Colour of every slot: its team's, or one by the number of the team."""
+        for team in colours or ():
+            check_choice("colours", team, list(self.team_sizes))
+        defaults: Sequence[Colour] = [GREY] if len(self.team_sizes) == 1 else TEAM_COLOURS
+        by_team = [
+            (colours or {}).get(team, defaults[number % len(defaults)]) for number, team in enumerate(self.team_sizes)
+        ]
+        return [by_team[team] for team in self.team_index]
 
     @property
     def ranges(self) -> list[Ranged]:
@@ -145,7 +153,7 @@ class Agents(Entities):
             )
 
     def make(self, name: str) -> Obj:
-        return ObjFromXML("agent", name, rgba=self.colors[int(name.removeprefix(self.kind))])
+        return ObjFromXML("agent", name, rgba=self.colours[int(name.removeprefix(self.kind))])
 
     def spec_step(self, spec: mujoco.MjSpec) -> None:
         super().spec_step(spec)

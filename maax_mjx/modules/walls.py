@@ -297,8 +297,13 @@ class RandomWalls(WallScenarios):
     Args:
         n_rooms: number of rooms, or (low, high), drawn uniformly.
         min_room_size: in cells; new walls keep further than this from the corners of the room that they split.
-        door_size, prob_outside_walls, low_outside_walls, friction, outer, in_doorways, outer_height: see
-            `WallScenarios`.
+        door_size: see `WallScenarios`.
+        prob_outside_walls: see `WallScenarios`.
+        low_outside_walls: see `WallScenarios`.
+        friction: see `WallScenarios`.
+        outer: see `WallScenarios`.
+        in_doorways: see `WallScenarios`.
+        outer_height: see `WallScenarios`.
         random_room_count: whether to draw 1 to `n_rooms` rooms: the same as `n_rooms=(1, n_rooms)`.
         outside_walls: False is the same as `outer="none"`.
 

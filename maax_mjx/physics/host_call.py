@@ -7,13 +7,17 @@ program names by a number which object it calls. Where jaxlib's header has other
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import ctypes
 import re
 import struct
+import threading
+import time
 import traceback
 import weakref
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from math import prod
 from pathlib import Path
@@ -72,6 +76,8 @@ RENAMED = {
 """What jaxlib 0.11 and later call the same types."""
 LATEST = 32
 """Objects that are kept although nobody has them any more: a program may outlive what it was made of."""
+QUIET = 0.2
+"""Seconds without a call after which a program counts as ended."""
 
 
 class Callee(Protocol):
@@ -87,6 +93,45 @@ class Callee(Protocol):
 _callees: WeakValueDictionary[int, Any] = WeakValueDictionary()
 _latest: deque[Any] = deque(maxlen=LATEST)
 _users: Counter[int] = Counter()
+
+
+class _Calls:
+    """Calls that go on. At the end of Python no more begin: XLA's threads crash when they call what is torn down."""
+
+    def __init__(self) -> None:
+        self.ends, self.last, self.open = False, 0.0, 0
+        self._counts = threading.Lock()
+
+    @contextlib.contextmanager
+    def one(self) -> Iterator[None]:
+        """A call."""
+        with self._counts:
+            self.open += 1
+        try:
+            if self.ends:
+                raise RuntimeError("Python ends, and so does this program")
+            yield
+        finally:
+            with self._counts:
+                self.open, self.last = self.open - 1, time.monotonic()
+
+    def end(self) -> None:
+        """Refuses calls, so that programs end, and waits until they have."""
+        self.ends = True
+        for array in jax.live_arrays("cpu"):
+            with contextlib.suppress(Exception):  # an array that is deleted, or of a program that was refused a call
+                array.block_until_ready()
+        # Programs whose results nobody has are known by their calls alone.
+        while self.open or time.monotonic() - self.last < QUIET:
+            time.sleep(0.01)
+
+
+_calls = _Calls()
+
+
+@cache
+def _end_before_python() -> None:
+    atexit.register(_calls.end)
 
 
 C = TypeVar("C", bound=Callee)
@@ -127,6 +172,7 @@ def host_call(number: int, n: int, args: Sequence[jax.Array], results: Sequence[
     Returns:
         A list of arrays.
     """
+    _end_before_python()
     if not is_known():
         return _unkept_call(number, n, args, results)
     _register_target()
@@ -153,7 +199,8 @@ def _unkept_call(number: int, n: int, args: Sequence[jax.Array], results: Sequen
     callee = _callees[number]
 
     def call(_: Any, out: Any, *args: Any) -> None:
-        callee.called(n, [np.asarray(x) for x in out], [np.asarray(x) for x in args])
+        with _calls.one():
+            callee.called(n, [np.asarray(x) for x in out], [np.asarray(x) for x in args])
 
     return buffer_callback(call, list(results), vmap_method="broadcast_all")(*args)
 
@@ -185,7 +232,8 @@ def _handler(at: int) -> int | None:
         callee = _callees.get(number)
         if callee is None:
             raise RuntimeError("the environment of this program is gone; keep it while its programs run")
-        callee.called(n, [_array(p) for p in _pointers(rets, n_rets)], [_array(p) for p in _pointers(args, n_args)])
+        with _calls.one():
+            callee.called(n, [_array(p) for p in _pointers(rets, n_rets)], [_array(p) for p in _pointers(args, n_args)])
     except BaseException:
         return _error(api, traceback.format_exc())
     return None

@@ -22,7 +22,8 @@ class CaptureTheFlagConfig(GameConfig):
     Attributes:
         teams: agents per world by team, or (low, high); two teams.
         agent_placement: where agents start; one for all, or one by team.
-        reach, wins_at: see `CaptureTheFlag`.
+        reach: see `CaptureTheFlag`.
+        wins_at: see `CaptureTheFlag`.
     """
 
     scenario: ScenarioNames = "half"

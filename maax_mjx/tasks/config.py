@@ -33,7 +33,8 @@ class Extensions(Config):
 
     Attributes:
         modules: modules that are added after its own.
-        inside, outside: layers by the layer that they are put next to.
+        inside: layers by the layer that they are put inside of.
+        outside: layers by the layer that they are put around.
     """
 
     modules: Sequence[Module] = ()

@@ -47,7 +47,12 @@ class FoodConfig(Config):
         together_radius: metres from the first piece of a group to the others, on each axis, see
             `published_proximity_placement`; None places all like the first.
         when_caught: whether hiders can eat while a seeker sees one of them, too.
-        radius, max_health, respawn_steps, rew_type, scale, between: see `EatFood`.
+        radius: see `EatFood`.
+        max_health: see `EatFood`.
+        respawn_steps: see `EatFood`.
+        rew_type: see `EatFood`.
+        scale: see `EatFood`.
+        between: see `EatFood`.
     """
 
     n_food: PositiveCount = 4

@@ -95,11 +95,16 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
     """The thesis's game (section 5.2.1): M, catching by touch, locking, rewards at every step after preparation.
 
     Attributes:
-        prep_fraction, blind: see `PreparationPhase`.
-        by, rew_type: see `HideAndSeekReward`.
+        prep_fraction: see `PreparationPhase`.
+        blind: see `PreparationPhase`.
+        by: see `HideAndSeekReward`.
+        rew_type: see `HideAndSeekReward`.
         cone: full angle of `LineOfSight` in radians; None leaves vision out.
         cone_between: what cones are measured between, "centres" or "corners"; see `LineOfSight`.
-        lock, grab, lidar, rect: arguments of the wrappers; None leaves them out.
+        lock: arguments of the wrappers; None leaves them out.
+        grab: likewise.
+        lidar: likewise.
+        rect: likewise.
         food: food and who may eat it; needs `cone`. None leaves it out.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
         stats: whether `metrics` have the statistics of `TrackStats`.

@@ -63,26 +63,44 @@ class WorldConfig(Extensions):
 
     Attributes:
         scenario: the room scenario, or several, one of which each world draws; see `WallScenarios`.
-        n_boxes, n_ramps: number per world, or (low, high).
+        n_boxes: number per world, or (low, high).
+        n_ramps: number per world, or (low, high).
         n_elongated_boxes: number of elongated boxes; see `Boxes`.
-        box_placement, ramp_placement: where boxes and ramps start; one for all, or a list of one for each.
+        box_placement: where boxes and ramps start; one for all, or a list of one for each.
+        ramp_placement: likewise.
         door_size: in cells.
         outer: how the arena is closed; see `WallScenarios`.
         probabilities: probabilities of several scenarios.
-        p_door_dropout, n_rooms, min_room_size, prob_outside_walls: see `WallScenarios`.
-        agent_friction, box_friction, ramp_friction, wall_friction, floor_friction: sliding friction, or ranges; None
-            keeps MuJoCo's default of 1. MuJoCo uses the larger one of two geoms in contact.
+        p_door_dropout: see `WallScenarios`.
+        n_rooms: see `WallScenarios`.
+        min_room_size: see `WallScenarios`.
+        prob_outside_walls: see `WallScenarios`.
+        agent_friction: sliding friction, or ranges; None keeps MuJoCo's default of 1. MuJoCo uses the larger one of
+            two geoms in contact.
+        box_friction: likewise.
+        ramp_friction: likewise.
+        wall_friction: likewise.
+        floor_friction: likewise.
         gear: gear of the agents' motors, in N and Nm; see `Agents`.
         random_yaw: whether agents, boxes and ramps start at random yaws.
         boxsize_obs: whether boxes are observed with their extents; None does so if worlds differ in them.
         free: whether boxes and ramps have free joints; see `Boxes`.
-        agent_damping, box_damping, ramp_damping: see `Agents`, `Boxes` and `Ramps`.
+        agent_damping: see `Agents`, `Boxes` and `Ramps`.
+        box_damping: see `Agents`, `Boxes` and `Ramps`.
+        ramp_damping: see `Agents`, `Boxes` and `Ramps`.
         outer_height: height of the outer walls in metres.
         arms: whether agents have the published arms; see `Agents`.
         inertial_reach: how agents reach for ramps; see `Ramps`.
         in_doorways: whether things may start in doorways; see `WallScenarios`.
-        n_frames, grid_size, floor_size, horizon, impl, world_params, contacts_per_world: see `Base`.
-        may_leave, placement_tries: see `Base`.
+        n_frames: see `Base`.
+        grid_size: see `Base`.
+        floor_size: see `Base`.
+        horizon: see `Base`.
+        impl: see `Base`.
+        world_params: see `Base`.
+        contacts_per_world: see `Base`.
+        may_leave: see `Base`.
+        placement_tries: see `Base`.
     """
 
     scenario: ScenarioNames = "quad"
@@ -130,8 +148,10 @@ class HidersAndSeekers(Config):
     """Two teams, hiders and seekers; hiders come first among the agents.
 
     Attributes:
-        n_hiders, n_seekers: agents of each team per world, or (low, high).
-        hider_placement, seeker_placement: where the agents start.
+        n_hiders: agents of each team per world, or (low, high).
+        n_seekers: likewise.
+        hider_placement: where the agents start.
+        seeker_placement: where the agents start.
     """
 
     n_hiders: Number = 2

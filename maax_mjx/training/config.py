@@ -126,7 +126,10 @@ class TrainConfig(Config):
         save_worlds: whether saves have the worlds as well, so that the run goes on bit for bit; the
             state of a world and its next episode take some 13 kB in `hide_and_seek_quadrant`.
         tensorboard: whether metrics are written for TensorBoard as well, with the extra "tensorboard".
-        ppo, net, league, visited: see there.
+        ppo: see there.
+        net: see there.
+        league: see there.
+        visited: see there.
         env: fields of the game's config that the preset sets, where the game has them.
     """
 

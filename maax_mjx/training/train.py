@@ -10,6 +10,7 @@ from maax_mjx.common.checks import check_bool
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
+from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.run import Progress, Run, Trainer, check_end
 
@@ -70,6 +71,7 @@ def train(
         MemoryError: more worlds than fit.
     """
     check_bool("bar", bar)
+    preset_of(preset, overrides)
     check_end(minutes, steps, on_iteration)
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides

@@ -54,7 +54,7 @@ class Subject:
 
     def _agent_colours(self) -> list[Colour]:
         """Their own where they have different ones, else those of the teams."""
-        own: list[Colour] = [tuple(row) for row in self.agents.colors.tolist()]
+        own: list[Colour] = [tuple(row) for row in self.agents.colours.tolist()]
         teams = list(self.teams.values())
         return own if len(set(own)) > 1 else [teams[team].colour for team in self.team]
 

@@ -26,7 +26,8 @@ def add_equality(
         spec: spec to add it to.
         name: name of the equality.
         kind: joint, connect or weld.
-        first, second: names of joints or of bodies; a joint equality may leave out the second.
+        first: names of joints or of bodies; a joint equality may leave out the second.
+        second: likewise.
         ratio: ratio of the first joint to the second.
         soft: whether it has MuJoCo's default softness; otherwise it is as stiff as a step of 5 ms allows.
     """

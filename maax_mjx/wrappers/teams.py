@@ -59,7 +59,7 @@ class TeamMembership(ObservationWrapper):
             names = list(agents.team_sizes) if same else [f"team_{i}" for i in range(self.n_teams)]
         elif isinstance(names, str) or len(names) != self.n_teams:
             raise ValueError(f"names: got {names!r}; takes {self.n_teams}, one per team")
-        colours = agents.colors.tolist()
+        colours = agents.colours.tolist()
         if self.n_teams > 1 and all(colour == colours[0] for colour in colours):
             colours = [TEAM_COLOURS[team % len(TEAM_COLOURS)] for team in index]
         self._teams = make_teams(list(names), index, colours)

@@ -104,6 +104,17 @@ class Wrapper(Environment):
         """Returns all declarations; a wrapper that adds some returns `self.env.declared() | {name: Observed(...)}`."""
         return self.env.declared()
 
+    def add_module(self, module: Any) -> None:
+        """Refuses a module: what is in the world is settled before it is wrapped.
+
+        Raises:
+            ValueError: always; the message says how a game gets another module.
+        """
+        raise ValueError(
+            f"add_module: got {type(module).__name__} for {type(self).__name__}, which is wrapped around its world; "
+            'takes modules with the game, maax.make("tag", modules=[...]), or before the first wrapper'
+        )
+
     def inner(self, kind: type[W]) -> W:
         """Returns the wrapper of a kind inside this one.
 

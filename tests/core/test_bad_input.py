@@ -134,7 +134,7 @@ CONSTRUCTION = {
     "quadrant without walls": (in_quadrant, *NO_QUAD),
     "quadrant of empty": (lambda: in_quadrant(WallScenarios("empty")), *NO_QUAD),
     "quadrant too late": (lambda: base(1, Agents(1, [maax.outside_quad_placement]), WallScenarios()), *NO_QUAD),
-    "colours": (lambda: Agents(2, colors=[(1, 1, 1, 1)]), "colors: got [(1, 1, 1, 1)]", COLOURS),
+    "colours": (lambda: Agents(2, colours=[(1, 1, 1, 1)]), "colours: got [(1, 1, 1, 1)]", COLOURS),
     "box size": (lambda: Boxes(1, box_size=-0.5), "box_size: got -0.5", POSITIVE),
     "box friction": (lambda: Boxes(1, box_friction=-1.0), "box_friction: got -1.0", "takes"),
     "ramp friction": (lambda: Ramps(1, ramp_friction="ice"), "ramp_friction: got 'ice'", "takes"),

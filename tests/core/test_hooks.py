@@ -296,3 +296,26 @@ def test_an_overlay_of_no_field_is_refused():
         env.add_module(module)
     with pytest.raises(ValueError, match=r"overlay: Bends has 'geom_sise', which is no field.*such as 'geom_size'"):
         env.reset(seeds.key(0))
+
+
+class Tires(maax.Wrapper):
+    """Begins to remember at the first step."""
+
+    name = "tires"
+
+    def transition(self, state, action):
+        return self.remember(self.env.advance(state, action), jnp.zeros(self.base.n_agents))
+
+
+def test_a_memory_that_begin_does_not_give_is_refused(env_c):
+    env = Tires(env_c)
+    states = maax.Worlds(env, 2).reset(seeds.key(0))
+    says = "remember: got a memory of Tires at a step, and not from begin; takes one from both: begin returns"
+    with pytest.raises(ValueError, match=says):
+        maax.Worlds(env, 2).step(states, maax.Worlds(env, 2).sample_action(seeds.key(1)))
+
+
+def test_what_is_wrapped_gets_no_modules(env_c):
+    says = r'add_module: got Boxes for TeamMembership, .* maax\.make\("tag", modules=\[\.\.\.\]\)'
+    with pytest.raises(ValueError, match=says):
+        maax.TeamMembership(env_c).add_module(maax.Boxes(1))

@@ -1,5 +1,7 @@
 """Teams have names, and agents are called by them."""
 
+import pickle
+
 import jax
 import numpy as np
 import pytest
@@ -97,3 +99,19 @@ def test_a_side_alone_is_still_that_side(fields, seekers):
     for _ in range(3):
         state = step(state, action)
     np.testing.assert_array_equal(state.reward, [-1 if slot in seekers else 1 for slot in range(2)])
+
+
+def test_colours_by_team():
+    red = (0.8, 0.1, 0.1, 1.0)
+    agents = maax.Agents({"reds": 2, "blues": (1, 2)}, colours={"reds": red})
+    default = maax.Agents({"reds": 2, "blues": (1, 2)})
+    np.testing.assert_array_equal(agents.colours[:2], [red, red])
+    np.testing.assert_array_equal(agents.colours[2:], default.colours[2:])
+    with pytest.raises(ValueError, match=r"^colours: got 'greens'; did you mean 'reds'"):
+        maax.Agents({"reds": 2, "blues": 2}, colours={"greens": red})
+
+
+def test_a_team_that_is_not_there_is_answered_with_those_that_are(env_c):
+    with pytest.raises(KeyError, match=r"teams: got 'greens'; takes one of \['hiders', 'seekers'\]"):
+        env_c.teams["greens"]
+    assert pickle.loads(pickle.dumps(env_c.teams)) == env_c.teams

@@ -27,6 +27,19 @@ state = jax.jit(env.step)(jax.jit(env.reset)(jax.random.key(0)), env.sample_acti
 print(sum("compilation_cache/cache_misses" in e for e in events), float(state.data.qpos.sum()))
 """
 
+LEFT = """
+import sys
+import jax, jax.numpy as jnp, maax_mjx as maax
+env = maax.make("tag", impl="c", scenario="empty", n_boxes=0, n_ramps=0, n_frames=10)
+worlds = maax.Worlds(env, 32)
+move = {"move": jnp.zeros((32, 4, 3))}
+play = jax.jit(lambda states: jax.lax.fori_loop(0, 20_000, lambda _, x: worlds.step_fn(x, move), states))
+states = worlds.reset(jax.random.key(0))
+play.lower(states).compile()
+kept = [play(states) for _ in range(int(sys.argv[1]))] or play(states) and None
+print("left")
+"""
+
 
 class Halves:
     """Halves its first argument n times, and tells in how many calls; sums its second."""
@@ -119,3 +132,13 @@ def test_a_second_process_compiles_nothing(tmp_path):
     assert int(misses) > 2
     assert int(none) == 0
     assert first == second
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [0, 1])
+def test_python_ends_while_programs_run(kept):
+    """Nobody waits for their results, which somebody has or nobody: they end, and nothing crashes or hangs."""
+    ended = subprocess.run(
+        [sys.executable, "-c", LEFT, str(kept)], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (0, "left\n"), ended.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -171,3 +172,14 @@ def test_entry_points_that_are_no_games_are_refused(installed):
         maax.make("lost")
     with pytest.raises(ValueError, match=r"whose entry point in 'maax_mjx.games', own_game:helper, is .* annotated"):
         maax.make("odd")
+
+
+def test_a_config_may_leave_the_engine_to_its_game(mine, capsys):
+    (mine / "own_game.py").write_text(
+        "from dataclasses import dataclass\nimport maax_mjx as maax\n"
+        "@dataclass(frozen=True)\nclass Small:\n    horizon: int = 9\n"
+        "def small(config: Small):\n"
+        '    return maax.make("standard", scenario="empty", impl="c", horizon=config.horizon)\n'
+    )
+    main(["info", "own_game.py:small", "--env.horizon", "12", "--json"])
+    assert json.loads(capsys.readouterr().out)["fields"]["horizon"] == 12

@@ -251,3 +251,8 @@ def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
         training.evaluate(run[1].policy, ["chaes"], env=env)
     with pytest.raises(ValueError, match="got 'many' after the @; takes a number of steps, such as 50M"):
         training.evaluate(run[1].policy, [f"{run[1].folder}@many"], env=env)
+
+
+def test_a_mistyped_setting_is_named_before_what_is_missing(tmp_path):
+    with pytest.raises(ValueError, match=r"got 'step'"):
+        training.train("tag", tmp_path, preset="laptop", step=100)

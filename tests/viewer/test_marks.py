@@ -136,7 +136,7 @@ def test_words_tints_and_parts_in_place_of_others(example):
     assert frame.text[0].endswith("of late")
     assert frame.text[-1] == "painted"
     assert parts["agent1"].shape.rgba == (1.0, 0.0, 0.0, 1.0)
-    assert parts["agent0"].shape.rgba == pytest.approx(env.base.agents.colors[0])
+    assert parts["agent0"].shape.rgba == pytest.approx(env.base.agents.colours[0])
     hand = parts["agent0:hand_left"]
     assert (hand.role, hand.shape.kind, hand.shape.size) == ("hand", "box", (0.1, 0.2, 0.3))
     np.testing.assert_array_equal(hand.position, [1.0, 2.0, 3.0])
@@ -221,7 +221,7 @@ def test_two_layers_of_locks_are_drawn_each_with_its_own():
     for name, kind, agent in (("box_locks:box0", "box", 2), ("ramp_locks:ramp0", "ramp", 1)):
         body = state.data.xpos[env.base.modules[kind].body_ids[0]]
         np.testing.assert_allclose(locks[name].position[:2], body[:2], atol=2e-3)
-        assert locks[name].rgba == pytest.approx(env.base.agents.colors[agent])
+        assert locks[name].rgba == pytest.approx(env.base.agents.colours[agent])
 
 
 def test_agents_have_their_names_and_the_colour_of_their_team():
@@ -265,7 +265,7 @@ def test_capture_the_flag_marks_flags_scores_and_who_is_out():
         assert parts[f"capture_the_flag:{flag}:cloth"].shape.rgba == pytest.approx(team.colour)
         assert parts[f"flag{flag}"].shape.rgba == pytest.approx(team.colour)
     for slot, is_out in enumerate(out):
-        own = pytest.approx(env.base.agents.colors[slot])
+        own = pytest.approx(env.base.agents.colours[slot])
         assert (parts[f"agent{slot}"].shape.rgba != own) == is_out
 
 

@@ -160,7 +160,7 @@ def test_locks_are_marked_with_their_owners(env, one):
     for name, kind, agent in (("locks:box0", "box", 2), ("locks:ramp0", "ramp", 0)):
         above = one.data.xpos[env.base.modules[kind].body_ids[0]] + up(0.25)
         np.testing.assert_allclose(locks[name].position[:2], above[:2], atol=2e-3)
-        assert locks[name].rgba == pytest.approx(env.base.agents.colors[agent])
+        assert locks[name].rgba == pytest.approx(env.base.agents.colours[agent])
         assert locks[name].text == "0", "the first hider and the first seeker"
         (padlock,) = (part for part in frame.parts if part.name == f"{name}:body")
         assert padlock.shape.rgba == locks[name].rgba
@@ -195,8 +195,8 @@ def test_preparation_is_said_and_seen(env, recording):
         assert ("preparation" in frame.text[0]) == on
         assert frame.text[0].startswith(f"{int(state.step) * 0.005:.2f} s")
         colours = {part.name: part.shape.rgba for part in frame.named("agent")}
-        assert colours["agent0"] == pytest.approx(env.base.agents.colors[0])
-        assert (colours["agent2"] != pytest.approx(env.base.agents.colors[2])) == on
+        assert colours["agent0"] == pytest.approx(env.base.agents.colours[0])
+        assert (colours["agent2"] != pytest.approx(env.base.agents.colours[2])) == on
 
 
 def test_rewards_are_summed_by_team_and_episode(env, recording):

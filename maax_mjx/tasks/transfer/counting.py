@@ -63,7 +63,8 @@ class CountingConfig(BoxesConfig):
 
     Attributes:
         box_placement: None is a lane for each box.
-        floor_size, grid_size: only as they are.
+        floor_size: only as they are.
+        grid_size: only as they are.
         task: arguments of the wrapper.
     """
 
