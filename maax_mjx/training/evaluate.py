@@ -202,7 +202,9 @@ def evaluate(
     mine = seated(player_of("policy", policy), env)
     # All of them before the first match, which takes minutes in some games.
     played = [None if isinstance(one, str) and one == SELF else player_of("against", one) for one in against]
-    others = [mine if player is None else seated(player, env) for player in played]
+    others = [
+        mine if player is None else _opponent(one, player, env) for one, player in zip(against, played, strict=True)
+    ]
     matches = []
     with progress(total=len(others) * len(names), unit="matches", disable=not check_bool("bar", bar)) as shown:
         for one, player, other in zip(against, played, others, strict=True):
@@ -274,6 +276,14 @@ class Seated(NamedTuple):
     play: Callable[..., Any]
     params: Any
     memory: Callable[[int], Any]
+
+
+def _opponent(given: Any, player: TrainedPolicy | Scripted, env: Environment) -> Seated:
+    """Returns an opponent as it plays an environment; an error names the argument and what it got."""
+    try:
+        return seated(player, env)
+    except ValueError as error:
+        raise ValueError(f"against: got {_title(given, player)!r}, which cannot play here; {error}") from None
 
 
 def seated(player: TrainedPolicy | Scripted, env: Environment) -> Seated:

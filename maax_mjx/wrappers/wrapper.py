@@ -264,24 +264,26 @@ class RewardWrapper(Wrapper):
         return state.replace(reward=reward)
 
 
-IMPLEMENTED: tuple[tuple[type[Wrapper], str, str], ...] = (
-    (ActionWrapper, "action", "transition"),
-    (ObservationWrapper, "observation", "observe"),
-    (StateWrapper, "observe", "transition"),
-    (RewardWrapper, "reward", "transition"),
+IMPLEMENTED: tuple[tuple[type[Wrapper], str, tuple[str, ...]], ...] = (
+    (ActionWrapper, "action", ("transition",)),
+    (ObservationWrapper, "observation", ("observe",)),
+    (StateWrapper, "observe", ("begin", "transition")),
+    (RewardWrapper, "reward", ("transition",)),
 )
-"""Kinds of wrappers, the method that a subclass implements, and the one that calls it."""
+"""Kinds of wrappers, the method that a subclass implements, and those that call it."""
 
 
 def _check_implemented(wrapper: Wrapper) -> None:
     """Refuses a wrapper whose method is missing, or has a misspelt name, before it is first called.
 
     Raises:
-        ValueError: neither the method nor the one that calls it is the subclass's own.
+        ValueError: neither the method nor all that call it are the subclass's own.
     """
     mine = type(wrapper)
-    for kind, method, caller in IMPLEMENTED:
-        if isinstance(wrapper, kind) and all(getattr(mine, name) is getattr(kind, name) for name in (method, caller)):
+    for kind, method, callers in IMPLEMENTED:
+        if not isinstance(wrapper, kind) or getattr(mine, method) is not getattr(kind, method):
+            continue
+        if any(getattr(mine, name) is getattr(kind, name) for name in callers):
             raise ValueError(f"{method}: {mine.__name__} has none; takes a {kind.__name__} with a method of this name")
 
 

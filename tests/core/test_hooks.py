@@ -319,3 +319,15 @@ def test_what_is_wrapped_gets_no_modules(env_c):
     says = r'add_module: got Boxes for TeamMembership, .* maax\.make\("tag", modules=\[\.\.\.\]\)'
     with pytest.raises(ValueError, match=says):
         maax.TeamMembership(env_c).add_module(maax.Boxes(1))
+
+
+class HalfTires(maax.StateWrapper):
+    """Has a transition of its own, and no begin."""
+
+    def transition(self, state, action):
+        return self.env.advance(state, action)
+
+
+def test_a_kind_of_wrapper_without_its_method_is_refused_where_it_is_made(env_c):
+    with pytest.raises(ValueError, match="^observe: HalfTires has none; takes a StateWrapper with a method of this"):
+        HalfTires(env_c)

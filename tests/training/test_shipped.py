@@ -120,6 +120,8 @@ def test_all_opponents_are_looked_at_before_the_first_match(monkeypatch):
     env = training.Policy.load("tag/trained").make_env(impl="c", horizon=3)
     with pytest.raises(ValueError, match="against: got 'chaes', and nothing is there"):
         training.evaluate("tag/trained", ["random", "chaes"], 2, env)
+    with pytest.raises(ValueError, match=r"^against: got 'quadrant/forts', which cannot play here; policy: "):
+        training.evaluate("tag/trained", ["quadrant/forts"], 2, env)
     with pytest.raises(ValueError, match=r"against: got 'random'; takes a list, such as \['random'\]"):
         training.evaluate("tag/trained", "random", 2, env)
 
