@@ -329,5 +329,5 @@ class HalfTires(maax.StateWrapper):
 
 
 def test_a_kind_of_wrapper_without_its_method_is_refused_where_it_is_made(env_c):
-    with pytest.raises(ValueError, match="^observe: HalfTires has none; takes a StateWrapper with a method of this"):
+    with pytest.raises(ValueError, match=r"^observe: HalfTires has none; takes a StateWrapper with a method of this"):
         HalfTires(env_c)
