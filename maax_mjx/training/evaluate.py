@@ -235,6 +235,8 @@ def player_of(argument: str, given: Any) -> TrainedPolicy | Scripted:
         near = get_close_matches(str(given), _names(argument), 1)
         meant = f" (did you mean {near[0]!r}?)" if near else ""
         raise ValueError(f"{argument}: got {str(given)!r}, and nothing is there{meant}; {_takes_players(argument)}")
+    if str(given).endswith(".py"):
+        raise ValueError(f"{argument}: got {str(given)!r}, a Python file; {_takes_players(argument)}")
     return load_any(given, argument)
 
 

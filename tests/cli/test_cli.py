@@ -184,6 +184,7 @@ def test_replay(played, kind, capsys):
         (["bench", "layouts", "--worlds", "0"], "worlds: got (0,); takes"),
         (["bench", "layouts", "--out", "."], "out: got ., which is a folder"),
         (["info", "quadrant/fort"], "did you mean 'quadrant/forts'"),
+        (["evaluate", __file__], "test_cli.py', a Python file; takes a policy, its file"),
         (["info", "laptp"], "did you mean 'laptop'"),
         (["play", "tag", "--policy", "shelter"], "shelter: got a game without ShelterReward"),
         (["replay", __file__], "which is no saved rollout, or damaged (no .npz); takes"),
