@@ -118,11 +118,9 @@ def check_named(word: str) -> None:
     """
     if is_of_faults(word) or is_of_policy(word) or word in PRESETS:
         return
-    # Names of policies have a slash, as paths have.
-    if "/" in word and not is_game(word) and not word.endswith(".py"):
-        check_choice("env", word, policies())
-    if not is_game(word) and ".py" not in word:
-        check_choice("env", word, {*maax.tasks(), *PRESETS, *policies()})
+    if not is_game(word) and not word.endswith(".py"):
+        # Names of policies have a slash, as paths have.
+        check_choice("env", word, policies() if "/" in word else {*maax.tasks(), *PRESETS, *policies()})
     check_game("env", word)
 
 

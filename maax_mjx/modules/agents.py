@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from maax_mjx.common.checks import check_bool, check_choice, check_count, check_count_range
-from maax_mjx.common.colours import GREY, TEAM_COLOURS, Colour
+from maax_mjx.common.colours import GREY, team_colour
 from maax_mjx.common.keys import named_keys
 from maax_mjx.common.observed import AGENT, POSITION, SPIN, TURN, VELOCITY, YAW, Column, Observed
 from maax_mjx.common.params import DomainParams, Parameter
@@ -117,13 +117,11 @@ class Agents(Entities):
 
     def _by_slot(self, colours: Mapping[str, Sequence[float]] | None) -> list[Sequence[float]]:
         """Colour of every slot: its team's, or one by the number of the team."""
-        for team in colours or ():
-            check_choice("colours", team, list(self.team_sizes))
-        defaults: Sequence[Colour] = [GREY] if len(self.team_sizes) == 1 else TEAM_COLOURS
-        by_team = [
-            (colours or {}).get(team, defaults[number % len(defaults)]) for number, team in enumerate(self.team_sizes)
-        ]
-        return [by_team[team] for team in self.team_index]
+        given, teams = colours or {}, list(self.team_sizes)
+        for team in given:
+            check_choice("colours", team, teams)
+        default = team_colour if len(teams) > 1 else lambda _: GREY
+        return [given.get(teams[number], default(number)) for number in self.team_index]
 
     @property
     def ranges(self) -> list[Ranged]:

@@ -19,8 +19,8 @@ class Ranged:
     Args:
         name: name of the parameter.
         value: a number, or (low, high), which is also the parameter's bound.
-        low: smallest and largest allowed value.
-        high: smallest and largest allowed value.
+        low: smallest allowed value.
+        high: largest allowed value.
         above: whether `low` itself is excluded.
         argument: name of the argument in messages, if it differs from the parameter's.
 

@@ -101,10 +101,10 @@ class HideAndSeekConfig(HidersAndSeekers, GameConfig):
         rew_type: see `HideAndSeekReward`.
         cone: full angle of `LineOfSight` in radians; None leaves vision out.
         cone_between: what cones are measured between, "centres" or "corners"; see `LineOfSight`.
-        lock: arguments of the wrappers; None leaves them out.
-        grab: likewise.
-        lidar: likewise.
-        rect: likewise.
+        lock: arguments of `LockObjects`; None leaves it out.
+        grab: those of `GrabObjects`, likewise.
+        lidar: those of `Lidar`, likewise.
+        rect: those of `RestrictAgentsRect`, likewise.
         food: food and who may eat it; needs `cone`. None leaves it out.
         n_bins: bins of the movement, see `DiscretizeActions`; None takes forces.
         stats: whether `metrics` have the statistics of `TrackStats`.

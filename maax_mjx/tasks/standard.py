@@ -19,7 +19,7 @@ from maax_mjx.common.annotated import (
     PositiveRange,
 )
 from maax_mjx.common.checks import check_count_range, pair_of
-from maax_mjx.common.colours import TEAM_COLOURS, Colour
+from maax_mjx.common.colours import Colour, team_colour
 from maax_mjx.core.composition import Contacts, FloorSize, GridSize
 from maax_mjx.core.env import Base
 from maax_mjx.layout import (
@@ -66,8 +66,8 @@ class WorldConfig(Extensions):
         n_boxes: number per world, or (low, high).
         n_ramps: number per world, or (low, high).
         n_elongated_boxes: number of elongated boxes; see `Boxes`.
-        box_placement: where boxes and ramps start; one for all, or a list of one for each.
-        ramp_placement: likewise.
+        box_placement: where boxes start; one for all, or a list of one for each.
+        ramp_placement: where ramps start, likewise.
         door_size: in cells.
         outer: how the arena is closed; see `WallScenarios`.
         probabilities: probabilities of several scenarios.
@@ -75,7 +75,7 @@ class WorldConfig(Extensions):
         n_rooms: see `WallScenarios`.
         min_room_size: see `WallScenarios`.
         prob_outside_walls: see `WallScenarios`.
-        agent_friction: sliding friction, or ranges; None keeps MuJoCo's default of 1. MuJoCo uses the larger one of
+        agent_friction: sliding friction, or a range; None keeps MuJoCo's default of 1. MuJoCo uses the larger one of
             two geoms in contact.
         box_friction: likewise.
         ramp_friction: likewise.
@@ -148,10 +148,10 @@ class HidersAndSeekers(Config):
     """Two teams, hiders and seekers; hiders come first among the agents.
 
     Attributes:
-        n_hiders: agents of each team per world, or (low, high).
-        n_seekers: likewise.
-        hider_placement: where the agents start.
-        seeker_placement: where the agents start.
+        n_hiders: hiders per world, or (low, high).
+        n_seekers: seekers per world, likewise.
+        hider_placement: where hiders start.
+        seeker_placement: where seekers start.
     """
 
     n_hiders: Number = 2
@@ -166,8 +166,8 @@ class HidersAndSeekers(Config):
         Raises:
             ValueError: no agents at all.
         """
-        hiders = Side("hiders", self.n_hiders, self.hider_placement, "hider_placement", TEAM_COLOURS[0])
-        seekers = Side("seekers", self.n_seekers, self.seeker_placement, "seeker_placement", TEAM_COLOURS[1])
+        hiders = Side("hiders", self.n_hiders, self.hider_placement, "hider_placement", team_colour(0))
+        seekers = Side("seekers", self.n_seekers, self.seeker_placement, "seeker_placement", team_colour(1))
         sides = tuple(side for side in (hiders, seekers) if pair_of(side.size)[1])
         if not sides:
             raise ValueError(
@@ -320,16 +320,15 @@ def world(config: WorldConfig, sides: Sequence[Side], first: Sequence[Module] = 
         env.add_module(FloorAttributes(config.floor_friction))
     for module in first:
         env.add_module(module)
-    n_before, placements, colours = 0, [], []
-    for i, (side, n) in enumerate(zip(sides, most, strict=True)):
+    n_before, placements = 0, []
+    for side, n in zip(sides, most, strict=True):
         placements += _placement(side.argument, side.placement, f"agent{n_before}", n)
-        colours += [side.colour or TEAM_COLOURS[i % len(TEAM_COLOURS)]] * n
         n_before += n
     env.add_module(
         Agents(
             {side.name: side.size for side in sides},
             placements,
-            colours,
+            {side.name: side.colour or team_colour(i) for i, side in enumerate(sides)},
             config.random_yaw,
             friction=config.agent_friction,
             gear=config.gear,

@@ -71,7 +71,7 @@ def train(
         MemoryError: more worlds than fit.
     """
     check_bool("bar", bar)
-    preset_of(preset, overrides)
+    preset_of(preset, overrides)  # a mistyped setting before what is missing: "steps" may be what was meant
     check_end(minutes, steps, on_iteration)
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides

@@ -141,9 +141,9 @@ class LockTask(Wrapper):
         kind: of the objects.
         in_order: whether the target is the first in the order of numbers instead of the nearest.
         and_return: whether the agent is to return.
-        lock: rewards in points, not negative.
-        unlock: rewards in points, not negative.
-        success: rewards in points, not negative.
+        lock: reward for a lock in points, not negative.
+        unlock: what opening one costs in points, not negative.
+        success: reward of every step at which the task is done, in points, not negative.
         shaped: points for a metre.
         radius: metres from where the agent began that count as back.
         from_corners: whether distances are from the agent's lower corner to those of cubes of half a metre, as in the

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.colours import TEAM_COLOURS
+from maax_mjx.common.colours import team_colour
 from maax_mjx.common.observed import AGENT, Column, Observed
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -61,7 +61,7 @@ class TeamMembership(ObservationWrapper):
             raise ValueError(f"names: got {names!r}; takes {self.n_teams}, one per team")
         colours = agents.colours.tolist()
         if self.n_teams > 1 and all(colour == colours[0] for colour in colours):
-            colours = [TEAM_COLOURS[team % len(TEAM_COLOURS)] for team in index]
+            colours = [team_colour(team) for team in index]
         self._teams = make_teams(list(names), index, colours)
 
     @property

@@ -36,7 +36,7 @@ move = {"move": jnp.zeros((32, 4, 3))}
 play = jax.jit(lambda states: jax.lax.fori_loop(0, 20_000, lambda _, x: worlds.step_fn(x, move), states))
 states = worlds.reset(jax.random.key(0))
 play.lower(states).compile()
-kept = [play(states) for _ in range(int(sys.argv[1]))] or play(states) and None
+kept = [play(states)][: int(sys.argv[1])]
 print("left")
 """
 
