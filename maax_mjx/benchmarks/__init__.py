@@ -12,6 +12,7 @@ BENCHMARKS = (
     "grabs",
     "gradients",
     "hostile",
+    "kernels",
     "layouts",
     "learners",
     "learning",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -269,3 +270,30 @@ def repair_hessians() -> None:
 
     solver._create_solver_context = created
     solver._cholesky_factorize_solve = repaired
+
+
+@contextmanager
+def launched_one_by_one() -> Iterator[None]:
+    """Has programs that are traced inside launch Warp's kernels one by one, not as CUDA graphs, to time each.
+
+    MJX makes its calls of Warp by `warp.jax_callable` and keeps them in a registry; seen in MJX 3.17.0.
+    """
+    import warp
+    from mujoco.mjx.warp import ffi
+
+    made, registry = warp.jax_callable, ffi._JAX_CALLABLE_VARIADIC_TUPLE_REGISTRY
+    kept = dict(registry)
+
+    def ungraphed(*args: Any, **kwargs: Any) -> Any:
+        return made(*args, **{**kwargs, "graph_mode": warp.JaxCallableGraphMode.NONE})
+
+    registry.clear()
+    jax.clear_caches()
+    warp.jax_callable = ungraphed
+    try:
+        yield
+    finally:
+        warp.jax_callable = made
+        registry.clear()
+        registry.update(kept)
+        jax.clear_caches()
