@@ -138,6 +138,8 @@ def recorded() -> Iterator[list[tuple[list[Launch], float, Sizes]]]:
 
     def noting(launch: Callable[..., Any]) -> Callable[..., Any]:
         def noted(kernel: Any, *args: Any, **kwargs: Any) -> Any:
+            if not np.prod(args[0] if args else kwargs["dim"]):
+                return None  # Warp launches nothing
             given = [*(args[1] if len(args) > 1 else kwargs.get("inputs", ())), *kwargs.get("outputs", ())]
             arrays = [
                 (tuple(a.shape), tuple(a.strides), warp.types.type_size_in_bytes(a.dtype))
