@@ -2,7 +2,7 @@
 
 The file is one exported world of M, loaded by plain MuJoCo: nothing of this package is in the way. All worlds of a
 batch start from it alike, and every world has forces of its own. `c` is plain MuJoCo on all cores, whatever JAX
-computes on. `brax` is Brax's generalized pipeline (`pip install "maax_mjx[brax]"`), on the file as `for_brax` says,
+computes on. `brax` is Brax's generalized pipeline (the extra "brax"), on the file as `for_brax` says,
 with exact inverses of the mass matrix; `brax-approximate` has the approximate ones that are Brax's default, with which
 it takes damping explicitly, too much for M's agents.
 """

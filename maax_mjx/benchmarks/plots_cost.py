@@ -1,4 +1,4 @@
-"""Pictures of `breakdown`, `fidelity` and `memory`: what a step costs, how true it is, and what memory it takes."""
+"""Pictures of `breakdown`, `kernels`, `fidelity`, `memory`: what a step costs, how true it is, what memory it takes."""
 
 from __future__ import annotations
 
@@ -35,6 +35,28 @@ def breakdown(figure: Figure, rows: list[Row]) -> None:
     ax.tick_params(axis="x", labelsize=8)
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside right center", fontsize=8)
+
+
+def kernels(figure: Figure, rows: list[Row]) -> None:
+    """Groups of kernels of a physics step, for every game and batch: their time, and that of their traffic alone."""
+    games, sizes = (list(dict.fromkeys(row[name] for row in rows)) for name in ("env", "worlds"))
+    axes = panels(figure, len(sizes), len(games))
+    for row in rows:
+        ax = axes[sizes.index(row["worlds"])][games.index(row["env"])]
+        names = list(row["groups_us"])[::-1]
+        ax.barh(names, [row["groups_us"][name] / 1e3 for name in names], 0.7, color=COLOURS[0], label="time")
+        ax.barh(
+            names,
+            [row["traffic_us"][name] / 1e3 for name in names],
+            0.3,
+            color=COLOURS[1],
+            label="memory traffic alone",
+        )
+        ax.set_title(f"{row['env']}, {row['worlds']:,} worlds: {row['step_us'] / 1e3:.1f} ms a step", fontsize=8)
+        ax.set_xlabel("ms per physics step of all worlds")
+        ax.tick_params(axis="y", labelsize=7)
+        ax.grid(axis="x", alpha=0.3, linewidth=0.5)
+    legend(figure)
 
 
 def fidelity(figure: Figure, rows: list[Row]) -> None:
@@ -98,5 +120,5 @@ def memory(figure: Figure, rows: list[Row]) -> None:
     legend(figure, 3)
 
 
-FIGURES: dict[str, Fill] = {"breakdown": breakdown, "fidelity": fidelity, "memory": memory}
+FIGURES: dict[str, Fill] = {"breakdown": breakdown, "kernels": kernels, "fidelity": fidelity, "memory": memory}
 """Kinds of pictures by benchmark."""

@@ -29,7 +29,11 @@ from maax_mjx.training.config import GROUPS
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
 Exit codes: 0 done; 2 a mistake in the arguments, named on stderr; 130 interrupted, after finished work was written.
-Tab completion: maax-mjx --tyro-print-completion bash (or zsh, tcsh) prints what your shell is to source."""
+Tab completion: maax-mjx --tyro-print-completion bash (or zsh, fish) prints what your shell is to source."""
+
+
+SHELLS = ("bash", "fish", "zsh")
+"""Shells that completions can be printed for."""
 
 
 @dataclass
@@ -64,6 +68,8 @@ def main(argv: list[str] | None = None) -> None:
     argv = sys.argv[1:] if argv is None else argv
     try:
         check_words(argv)
+        if argv[:1] == ["--tyro-print-completion"]:
+            check_choice("tyro-print-completion", argv[1] if len(argv) > 1 else "nothing", SHELLS)
         if argv[:1] == ["bench"]:
             bench(argv[1:])
         else:

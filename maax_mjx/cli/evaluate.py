@@ -19,15 +19,14 @@ from maax_mjx.physics import impls
 class Evaluate:
     """Plays a policy as each team against each opponent, and prints returns and shares won with 95 % intervals.
 
-    Fields of the game's config are changed as in --env.n_boxes 3.
+    Fields of the game's config are changed as in --env.n_boxes 3. Opponents may be scripts: random, still, chase,
+    close_door, tag, capture_the_flag, lock_and_return, sequential_lock, blueprint, shelter.
     """
 
     policy: tyro.conf.Positional[str]
     """A policy: its file, the folder of a run, or the name of one that comes with the package, quadrant/forts."""
     against: tuple[str, ...] = ("random",)
-    """Opponents: self, files, names such as quadrant/chase, folders, a run's past as in runs/x@50M;
-    or scripts: random, still, chase, close_door, tag, capture_the_flag,
-    lock_and_return, sequential_lock, blueprint, shelter."""
+    """Opponents: self, files, names such as quadrant/chase, folders, a run's past as in runs/x@50M, or scripts."""
     episodes: PositiveCount = 1024
     """Episodes of every match, each in a world of its own."""
     seed: Seed = 0

@@ -47,13 +47,14 @@ PACKAGES = (
 
 @dataclass
 class Info:
-    """Shows what is installed, or all about an environment, a policy, a preset of training, or a fault."""
+    """Shows what is installed, or all about an environment, a policy, a preset of training, or a fault.
+
+    A policy by its name, quadrant/forts, its file or the folder of its run; a preset of `maax-mjx train`: gpu, laptop
+    or baker; a file of keep_faults, whose last step is made again.
+    """
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
-    """A game's name, or one in a file, my_game.py:football;
-    or a policy: its name, quadrant/forts, its file or the folder of its run;
-    or a preset of `maax-mjx train`: gpu, laptop or baker;
-    or a file of keep_faults, whose last step is made again. Without, what is installed."""
+    """A game (or one in a file, my_game.py:football), policy, preset or kept fault; without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""
 

@@ -30,14 +30,14 @@ class Play:
 
     W A S D move, Q E turn, G and L turn grabbing and locking on and off, Space pauses, N is the next world. Fields of
     the environment's config, which `maax-mjx info ENV` lists, are set as in --env.n_boxes 3. Needs the extra "viewer".
+    Scripts are random, still, chase, close_door, tag, capture_the_flag, lock_and_return, sequential_lock, blueprint,
+    shelter.
     """
 
     env: tyro.conf.Positional[game_names()] = "hide_and_seek_quadrant"  # type: ignore[valid-type]
     """Name of the environment, or a game in a file of your own, my_game.py:football."""
     policy: str = "random"
-    """Who plays the other agents: a policy (a file, the folder of a run, a name), whose game is set as it was learnt;
-    or a script: random, still, chase, close_door, tag, capture_the_flag,
-    lock_and_return, sequential_lock, blueprint, shelter."""
+    """Who plays the other agents: a policy (file, run's folder, name), its game as it was learnt, or a script."""
     opponents: str | None = None
     """Who plays the other teams; by default the policy."""
     agent: str | None = None
@@ -47,8 +47,7 @@ class Play:
     impl: names(impls()) = "c"  # type: ignore[valid-type]
     """Physics engine; c is the quickest for one world."""
     host: str = HERE
-    """Address to serve the page at: by default for this machine alone.
-    With 0.0.0.0 whoever reaches this machine can watch and steer, without a password."""
+    """Address to serve the page at; with 0.0.0.0 whoever reaches this machine can watch and steer, unasked."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
     """Port to serve the page at, or the next one that is free; 0 is any free one."""
     browser: bool = True

@@ -57,6 +57,12 @@ def replay(args: Replay) -> None:
     kind = out.suffix.lower()
     env, recording = load(args.file)
     worlds = list(args.worlds) or None
+    n_frames, n_worlds = recording.states.step.shape
+    if worlds and not all(-n_worlds <= world < n_worlds for world in worlds):
+        raise ValueError(
+            f"worlds: got {worlds}; takes numbers below {n_worlds}, of the worlds in {args.file}; "
+            "maax-mjx rollout --show keeps more of them"
+        )
     make_folder(out.parent)
     senses: Any = {"vision": args.vision, "lidar": args.lidar}
     with whole(out) as part:
@@ -69,7 +75,6 @@ def replay(args: Replay) -> None:
             Image.fromarray(picture).save(part)
         else:
             maax.video(env, recording, part, worlds=worlds, speed=args.speed, size=args.size, view=args.view, **senses)
-    n_frames, n_worlds = recording.states.step.shape
     n_bytes = out.stat().st_size
     result = {"file": str(out), "frames": n_frames, "worlds": len(worlds or range(n_worlds)), "bytes": n_bytes}
     report(result, args.json, f"wrote {out}: {n_frames} frames, {n_bytes / 1e6:.2f} MB")

@@ -48,7 +48,7 @@ class Rollout:
     Fields of the environment's config, which `maax-mjx info ENV` lists, are set as in --env.n_boxes 2,6 --env.grab True
     --env.lock.radius 0.3. Writes worlds.png (12 worlds from above), rollout.gif (world 0 moving), rollout.npz (for
     `maax-mjx replay`), replay.html (an interactive page; needs the extra "viewer") and world.xml (world 0 for plain
-    MuJoCo).
+    MuJoCo). Scripts are random, still, chase, close_door and others; random actions are each held for 24 steps.
     """
 
     env: tyro.conf.Positional[game_names()] = "standard"  # type: ignore[valid-type]
@@ -62,8 +62,7 @@ class Rollout:
     impl: names(impls()) = "auto"  # type: ignore[valid-type]
     """Physics engine."""
     policy: Path | None = None
-    """Who plays: a policy (a file, the folder of a run, runs/x@50M, a name), whose game is set as it was learnt;
-    or a script, such as chase. Without, random actions, each held for 24 steps."""
+    """A policy (file, run's folder, runs/x@50M, name), its game as it was learnt, or a script; else random play."""
     show: PositiveCount = 1
     """Number of worlds in rollout.npz and replay.html."""
     out: Path = field(default_factory=lambda: Path("maax-out"))

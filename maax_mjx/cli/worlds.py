@@ -35,7 +35,9 @@ class Sheet:
     """Draws worlds from above, as a sheet of layouts, without stepping them.
 
     With a game, its worlds, whose fields are set as in --env.n_boxes 2,6; without one, worlds of the other options.
-    Says how many layouts are invalid and which placements are to blame.
+    Says how many layouts are invalid and which placements are to blame. Placements are uniform, centre, middle, quad,
+    outside_quad, rooms_in_turn, room0, room1, ..., at:X:Y, middle:FRACTION, separation:RADIUS, room:INDEX,
+    proximity:RADIUS:OBJECT (such as proximity:1:box0).
     """
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
@@ -43,9 +45,7 @@ class Sheet:
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; each world draws one of several."""
     placement: tuple[str, ...] = ("uniform",)
-    """Placements of the agents, each in separate worlds:
-    uniform, centre, middle, quad, outside_quad, rooms_in_turn, room0, room1, ...,
-    at:X:Y, middle:FRACTION, separation:RADIUS, room:INDEX, proximity:RADIUS:OBJECT (such as proximity:1:box0)."""
+    """Placements of the agents, each in separate worlds."""
     n: PositiveCount = 12
     """Number of worlds for each placement."""
     outer: Outer = "walls"

@@ -41,7 +41,13 @@ def check_game(argument: str, name: Any) -> str:
     """
     if isinstance(name, str) and name.endswith(".py"):
         raise ValueError(f"{argument}: got {name!r}, a file without the name of a game; {TAKES}")
-    return name if is_in_a_file(name) else check_choice(argument, name, tasks())
+    if is_in_a_file(name):
+        return name
+    if isinstance(name, str) and "/" in name:
+        raise ValueError(
+            f"{argument}: got {name!r}; takes a name of {tasks()}, or a game in a file, my_game.py:football"
+        )
+    return check_choice(argument, name, tasks())
 
 
 def _task(name: str) -> Task:

@@ -69,6 +69,9 @@ class Bar:
         stage = stage_of(made.name, now.metrics) if made and now.metrics.get("episodes") else ""
         self._bar.set_description_str(f"{trainer.config.worlds} worlds")
         self._bar.set_postfix_str(_words(now, stage, left))
+        if self._bar.total is not None:
+            # The last iteration is a whole one; of more steps than its total tqdm forgets the total.
+            self._bar.total = max(self._bar.total, now.steps)
         self._bar.update(now.steps - self._bar.n)
 
 

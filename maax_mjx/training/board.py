@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maax_mjx.common.errors import MissingLibraryError
+from maax_mjx.common.errors import MissingLibraryError, brought_by
 
 COUNTERS = ("iteration", "steps")
 
@@ -26,7 +26,7 @@ class Board:
             from tensorboardX import SummaryWriter
         except ImportError:
             raise MissingLibraryError(
-                'tensorboard: got True, and tensorboardX is not installed; pip install "maax_mjx[tensorboard]"'
+                f"tensorboard: got True, and tensorboardX is not installed; {brought_by('tensorboard')}"
             ) from None
         self._new = SummaryWriter
         self._folder = folder

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ import numpy as np
 from maax_mjx.common.annotated import Positive, check_value
 from maax_mjx.common.checks import LONG, check_bool, check_count
 from maax_mjx.common.conditions import conditions
+from maax_mjx.common.recorded import short
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
@@ -30,6 +31,8 @@ from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
 from maax_mjx.training.visited import Archive
 from maax_mjx.wrappers.split import declared_table
+
+T = TypeVar("T")
 
 BROKEN = 10
 """Updates in a row that are not finite, after which a run stops."""
@@ -100,7 +103,7 @@ class Trainer:
         self._since = time.perf_counter()
         self.league = League(self.config.league.keep)
         if check_bool("transfer", transfer) and begin_from is None:
-            raise ValueError("transfer: got True without begin_from; takes a policy to begin with as well")
+            raise ValueError("transfer: got True without begin_from (--from); takes a policy to begin with as well")
         weights = (
             self.network.draw(draw)
             if begin_from is None
@@ -257,9 +260,9 @@ class Trainer:
         small = self.folder.load_small(like["learner"])
         newest = -1 if small is None else small[1]["iteration"]
         whole = saves.latest is not None and saves.latest >= newest
-        if whole and saves.about()["n_worlds"] == self.config.worlds:
+        if whole and _readable(saves, lambda: saves.about()["n_worlds"]) == self.config.worlds:
             check_same_visited(self.folder, self.config.visited)
-            self.states, found = saves.restore(self.worlds, counts=_counts(0, 0.0), **like)
+            self.states, found = _readable(saves, lambda: saves.restore(self.worlds, counts=_counts(0, 0.0), **like))
             self.learner, self.memory = found["learner"], Remembered(**found["memory"])
             self.iteration, self.steps = int(saves.latest or 0), int(found["counts"]["steps"])
             self.seconds = float(found["counts"]["seconds"])
@@ -270,6 +273,22 @@ class Trainer:
         for steps, file in self.folder.past():
             if steps <= self.steps:
                 self.league.add(Policy.load(file).params)
+
+
+def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:
+    """Returns what is read of the newest save.
+
+    Raises:
+        ValueError: it is damaged; the message says what to delete.
+    """
+    try:
+        return read()
+    # Orbax and what it reads with raise errors of a dozen kinds.
+    except Exception as error:
+        raise ValueError(
+            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({short(str(error))}); delete "
+            "it, and the run goes on from the one before"
+        ) from error
 
 
 def check_end(minutes: Any, steps: Any, on_iteration: Any) -> None:

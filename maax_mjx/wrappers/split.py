@@ -12,6 +12,10 @@ import numpy as np
 from maax_mjx.common.observed import AGENT, Observed, check_shapes, declaration
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
+from maax_mjx.wrappers.food import EatFood
+from maax_mjx.wrappers.grabs import GrabObjects
+from maax_mjx.wrappers.locks import LockObjects
+from maax_mjx.wrappers.senses import Lidar, LineOfSight
 from maax_mjx.wrappers.wrapper import ObservationWrapper
 
 OTHER = "other"
@@ -39,6 +43,8 @@ class SplitObservations(ObservationWrapper):
     """
 
     name = "split_observations"
+    # What they add outside would be in no agent's own observations.
+    follows = (EatFood, GrabObjects, Lidar, LineOfSight, LockObjects)
 
     def __init__(self, env: Environment):
         super().__init__(env)

@@ -59,7 +59,8 @@ class Wrapper(Environment):
             if isinstance(layer, self.precedes) or isinstance(self, layer.follows):
                 other = type(layer).__name__
                 raise ValueError(
-                    f"{mine}: env has {other} already; wrap with {mine} before it: {other}({mine}(env, ...))"
+                    f"{mine}: env has {other} already; wrap with {mine} before it: {other}({mine}(env, ...)), or with "
+                    f'a game, maax.make("...", inside={{"{other}": maax.{mine}}})'
                 )
         if self.name and any(layer.name == self.name for layer in env.layers):
             raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")

@@ -17,7 +17,7 @@ SEEN = {"mujoco": ("4.0.",), "mujoco-mjx": ("3.17.",), "warp-lang": ("1.19.",), 
 SEEN_IN_JAX = {"shard_map": ("0.11.",), "two_threads": ("0.10.",)}
 SLOW = ("two_threads",)
 """Takes minutes: run it by hand."""
-NEEDS_WARP = ("warp_velocities", "warp_static", "hessian")
+NEEDS_WARP = ("warp_velocities", "warp_static", "hessian", "solver_iterations")
 QUICK = ("midphase", "xml_digits", "import_prints")
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
 
