@@ -148,7 +148,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     """
     if not is_game(args.game) and "/" in args.game and not (Path(args.game) / RUN).exists():
         raise ValueError(
-            f"game: got {args.game}, where no run is; takes a game, one in a file, my_game.py:football, or a run's folder"
+            f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder"
         )
     if is_game(args.game) or not (Path(args.game) / RUN).exists():
         return args, values_of(args.game, env)

@@ -48,8 +48,8 @@ def taken_over(policy: Any, network: Network, key: jax.Array, *, transfer: bool 
     if replace(mine.net, compute=network.net.compute) != network.net:
         ours, theirs = (asdict(replace(net, compute=network.net.compute)) for net in (network.net, mine.net))
         raise ValueError(
-            f"begin_from (--from): got a policy of other networks than the run's, {_differing(theirs, ours, 'net.')}; takes one "
-            "of the same, or these settings in the run"
+            f"begin_from (--from): got a policy of other networks than the run's, {_differing(theirs, ours, 'net.')}; "
+            "takes one of the same, or these settings in the run"
         )
     drawn = network.draw(key)
     if transfer:

@@ -286,8 +286,8 @@ def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:
     # Orbax and what it reads with raise errors of a dozen kinds.
     except Exception as error:
         raise ValueError(
-            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({short(str(error))}); delete "
-            "it, and the run goes on from the one before"
+            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({short(str(error))}); "
+            "delete it, and the run goes on from the one before"
         ) from error
 
 

@@ -45,8 +45,8 @@ def _tower(
 ) -> dict[str, Any]:
     if set(known) != set(drawn):
         raise ValueError(
-            f"begin_from (--from): got a policy with parameters for {sorted(known)}, and the run has {sorted(drawn)}; takes a "
-            "policy of the same teams, or one whose agents share parameters (net.share=all)"
+            f"begin_from (--from): got a policy with parameters for {sorted(known)}, and the run has {sorted(drawn)}; "
+            "takes a policy of the same teams, or one whose agents share parameters (net.share=all)"
         )
     rows_were, rows_are = _rows(old, critic), _rows(new, critic)
     last = {head.name for head in new.heads} | {"value", "norm hidden" if new.net.core == "none" else "norm out"}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -18,7 +21,7 @@ from PIL import Image
 import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.benchmarks import BENCHMARKS
-from maax_mjx.cli import main, saved
+from maax_mjx.cli import COMMANDS, main, saved
 from maax_mjx.cli.options import split_overrides, value_of
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
@@ -104,6 +107,12 @@ def test_rollouts_of_other_shapes_are_refused(played, tmp_path):
             load(tmp_path / "other.npz")
 
 
+def test_replay_of_worlds_that_were_not_kept(played, capsys):
+    with pytest.raises(SystemExit):
+        main(["replay", str(played[0] / "rollout.npz"), f"--out={played[0]}/none.gif", "--worlds", "0", "2"])
+    assert "worlds: got [0, 2]; takes numbers below 2, of the worlds in " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("kind", ["html", "png"])
 def test_replay(played, kind, capsys):
     folder, _ = played
@@ -158,6 +167,9 @@ def test_replay(played, kind, capsys):
         (["worlds", "--n=0"], "n: got 0"),
         (["worlds", "--env.n_boxes=2"], "only rollout"),
         (["replay", __file__], "no saved rollout"),
+        (["--tyro-print-completion", "tcsh"], "completion: got 'tcsh'; takes one of ['bash', 'fish', 'zsh']"),
+        (["train", "runs/nope"], "game: got runs/nope, where no run is; takes a game, my_game.py:football, or a run"),
+        (["rollout", "games/football"], "or a game in a file, my_game.py:football"),
         (["replay", "nowhere.npz"], "file: got nowhere.npz, which is not there"),
         (["replay", "a.npz", "--out=a.txt"], "out: got a.txt"),
         (["info", "tagg"], "env: got 'tagg'"),
@@ -379,6 +391,21 @@ def test_info_lists_settings_that_options_take(name, capsys):
     with pytest.raises(SystemExit):
         main(["info", name, "--env.n_boxes", "3"])
     assert f"for the preset {name}; takes them for a game" in capsys.readouterr().err
+
+
+def test_completions_are_words(capsys):
+    """The script offers every line of an option's help that is broken as a word."""
+    with pytest.raises(SystemExit):
+        main(["--tyro-print-completion", "bash"])
+    script = capsys.readouterr().out
+    for command in ("rollout", "evaluate", "play", "worlds", "info", "train", "replay"):
+        assert command in script
+    assert "<or" not in script
+    fields = [field for command in COMMANDS.values() for field in dataclasses.fields(command)]
+    assert len(fields) > 50
+    for command in COMMANDS.values():
+        source = inspect.getsource(command).split('"""', 2)[2]
+        assert not re.search(r'    """[^"]*\n', source), f"{command.__name__}: a help text of several lines"
 
 
 @pytest.mark.parametrize("command", ["rollout", "worlds", "replay", "info"])

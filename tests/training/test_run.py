@@ -107,7 +107,7 @@ def test_tensorboard_gets_every_number_at_its_step(run):
 
 def test_without_tensorboardx_a_sentence_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
-    with pytest.raises(maax.MissingLibraryError, match=r'pip install "maax_mjx\[tensorboard\]"'):
+    with pytest.raises(maax.MissingLibraryError, match=r'pip install -e "\.\[tensorboard\]"'):
         trainer(tmp_path / "run", tensorboard=True)
 
 
@@ -121,6 +121,21 @@ def test_a_killed_run_goes_on_bit_for_bit(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_damaged_save_is_named(run, tmp_path):
+    """With what to do about it, whatever of it is missing."""
+    copy = shutil.copytree(run[1].folder, tmp_path / "run")
+    newest = max(
+        (path for path in (copy / "saves").iterdir() if path.name.isdecimal()), key=lambda path: int(path.name)
+    )
+    for file in newest.iterdir():
+        if file.is_file():
+            file.unlink()
+    for file in newest.rglob("metadata"):
+        file.unlink()
+    with pytest.raises(ValueError, match=f"folder: the newest save, .*{newest.name}, cannot be read .*; delete it"):
+        trainer(copy, tensorboard=True)
+
+
 def test_a_saved_run_goes_on_bit_for_bit_on_jax(tmp_path):
     """From a copy of what was saved after half of it."""
 

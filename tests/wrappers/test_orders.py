@@ -29,6 +29,14 @@ REFUSED = {
         lambda e: PREP(maax.TrackStats(e)),
         "PreparationPhase: env has TrackStats already",
     ),
+    "sight outside of split observations": (
+        lambda e: maax.LineOfSight(maax.SplitObservations(e)),
+        "LineOfSight: env has SplitObservations already; wrap with LineOfSight before it: SplitObservations(",
+    ),
+    "locks around a flat game": (
+        lambda e: maax.LockObjects(maax.FlattenObservations(maax.SplitObservations(e))),
+        'maax.make("...", inside={"SplitObservations": maax.LockObjects})',
+    ),
     "agents as objects": (
         lambda e: maax.GrabObjects(e, ["agent"]),
         "objects: got 'agent'; takes one of ['box', 'ramp']",
