@@ -187,7 +187,8 @@ class _HostBatch:
             wide[:, part] = self._state[name]
         if failed is not None:  # MuJoCo raised and kept the old state: NaN makes it the fault that it is
             wide[failed] = np.nan
-        public = wide.astype(np.float32)
+        with np.errstate(over="ignore"):  # what is beyond float32 is a fault, which the env finds
+            public = wide.astype(np.float32)
         for name, part in columns.items():
             out[name][...] = public[:, part]
         out["engine"][...] = wide - public.astype(float)
