@@ -89,7 +89,13 @@ def bring(
 
 
 def drive(
-    state: State, env: Environment, agent: int, to: jax.Array, turn: jax.Array, fastest: jax.Array | float
+    state: State,
+    env: Environment,
+    agent: int,
+    to: jax.Array,
+    turn: jax.Array,
+    fastest: jax.Array | float,
+    middle: jax.Array | None = None,
 ) -> jax.Array:
     """Returns forces (3,) of an agent that goes straight, and turns on the way.
 
@@ -98,13 +104,17 @@ def drive(
         to: (2,) metres that are still to go.
         turn: () radians by which it is still to turn.
         fastest: metres per second.
+        middle: (2,) metres from the agent to what goes straight, such as the thing in hand, about which the agent
+            turns; the agent itself without.
     """
     velocity = state.data.qvel[env.base.agents.qvel_ids[agent]]
     left = jnp.linalg.norm(to)
     along = to / jnp.maximum(left, 1e-6)
-    wanted = along * jnp.minimum(RATE * left, fastest)
-    push = DRAG * wanted + PUSH * (wanted - velocity[:2]) + FRICTION * along * (left > STILL)
     spin = jnp.clip(TURN_RATE * turn, -TURN_FASTEST, TURN_FASTEST)
+    wanted = along * jnp.minimum(RATE * left, fastest)
+    if middle is not None:
+        wanted += spin * jnp.stack([middle[1], -middle[0]])
+    push = DRAG * wanted + PUSH * (wanted - velocity[:2]) + FRICTION * along * (left > STILL)
     torque = TURN_DRAG * spin + TURN_PUSH * (spin - velocity[3])
     torque += TURN_FRICTION * jnp.sign(turn) * (jnp.abs(turn) > STILL)
     return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
