@@ -29,6 +29,8 @@ NO_ROOM, AHEAD = 20.0, 0.7
 """Metres that an agent goes rather than to where a metre of room is missing, and metres by which it looks ahead."""
 REACH = 0.25
 """Metres from an agent's middle within which it locks."""
+SLIDE = 0.11
+"""Share of full force against the friction of an agent, and of a box."""
 STILL = 0.01
 """Metres and radians off below which friction is left to hold a thing."""
 
@@ -89,13 +91,7 @@ def bring(
 
 
 def drive(
-    state: State,
-    env: Environment,
-    agent: int,
-    to: jax.Array,
-    turn: jax.Array,
-    fastest: jax.Array | float,
-    middle: jax.Array | None = None,
+    state: State, env: Environment, agent: int, to: jax.Array, turn: jax.Array, fastest: jax.Array | float
 ) -> jax.Array:
     """Returns forces (3,) of an agent that goes straight, and turns on the way.
 
@@ -104,19 +100,43 @@ def drive(
         to: (2,) metres that are still to go.
         turn: () radians by which it is still to turn.
         fastest: metres per second.
-        middle: (2,) metres from the agent to what goes straight, such as the thing in hand, about which the agent
-            turns; the agent itself without.
     """
     velocity = state.data.qvel[env.base.agents.qvel_ids[agent]]
     left = jnp.linalg.norm(to)
     along = to / jnp.maximum(left, 1e-6)
-    spin = jnp.clip(TURN_RATE * turn, -TURN_FASTEST, TURN_FASTEST)
     wanted = along * jnp.minimum(RATE * left, fastest)
-    if middle is not None:
-        wanted += spin * jnp.stack([middle[1], -middle[0]])
     push = DRAG * wanted + PUSH * (wanted - velocity[:2]) + FRICTION * along * (left > STILL)
+    spin = jnp.clip(TURN_RATE * turn, -TURN_FASTEST, TURN_FASTEST)
     torque = TURN_DRAG * spin + TURN_PUSH * (spin - velocity[3])
     torque += TURN_FRICTION * jnp.sign(turn) * (jnp.abs(turn) > STILL)
+    return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
+
+
+def swing(
+    state: State, env: Environment, agent: int, box: Footprints, to: jax.Array, turn: jax.Array, fastest: float
+) -> jax.Array:
+    """Returns forces (3,) of an agent with a box in hand, whose middle goes straight while both turn around it.
+
+    Args:
+        state, env, agent: who acts.
+        box: what is held; one, without an axis of boxes.
+        to: (2,) metres that are still to go.
+        turn: () radians by which it is still to turn.
+        fastest: metres per second.
+    """
+    own = env.base.agents
+    velocity, arm = state.data.qvel[own.qvel_ids[agent]], box.centre - state.data.qpos[own.qpos_ids[agent, :2]]
+    left = jnp.linalg.norm(to)
+    along = to / jnp.maximum(left, 1e-6)
+    spin = jnp.clip(TURN_RATE * turn, -TURN_FASTEST, TURN_FASTEST)
+    straight = along * jnp.minimum(RATE * left, fastest)
+    wanted = straight + spin * jnp.stack([arm[1], -arm[0]])
+    missing = PUSH * (wanted - velocity[:2])
+    # What moves the box, and would turn both if nothing kept them from it.
+    load = SLIDE * along * (left > STILL) + missing / 2
+    push = DRAG * wanted + SLIDE * wanted / jnp.maximum(jnp.linalg.norm(wanted), 0.05) + load + missing / 2
+    torque = TURN_DRAG * spin + TURN_PUSH * (spin - velocity[3]) + arm[0] * load[1] - arm[1] * load[0]
+    torque += SLIDE * jnp.linalg.norm(box.half) * jnp.sign(turn) * (jnp.abs(turn) > STILL)
     return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks.carrying import drive, footprints, is_stuck, joined, turned, without, wrapped
+from maax_mjx.tasks.carrying import footprints, is_stuck, joined, swing, turned, without, wrapped
 from maax_mjx.tasks.shading import BESIDE, CUBE, EDGE, STANDS, TURNS, Places, free, gains, is_long, places_around
 from maax_mjx.tasks.walking import face, task_of, walk
 from maax_mjx.wrappers import GrabObjects, ShelterReward
@@ -34,6 +34,9 @@ ASKEW = 0.6
 """Radians by which a long box that is held at its end is turned at most."""
 PATIENCE, CHANCE, LEFT = 40, 4.0, 0.3
 """Steps after which it thinks anew, rays that chance is worth then, and the share of boxes that it leaves alone."""
+PUSH = 0.8
+GIVE_UP = 0.1
+"""Share of steps."""
 AGENT = 0.16
 """Metres, the radius of an agent, and a little."""
 
@@ -84,8 +87,8 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     seconds = on_way[..., None] + _seconds(places, things, yaw, here, floor, joined(things, cylinder), held)
     # Some chance, which ends what leads nowhere.
     chance = jax.random.uniform(jax.random.fold_in(state.key, state.step // PATIENCE), (len(numbers),))
-    anew = (gain >= LEAST) & ((chance > LEFT) | (state.step < PATIENCE))[:, None]
-    wanted = jnp.where(holding, (numbers == held)[:, None], anew)
+    anew = (chance > LEFT) | (state.step < PATIENCE)
+    wanted = (gain >= LEAST) & jnp.where(holding, numbers == held, anew)[:, None]
     score = gain[..., None] - WORTH * seconds.min(axis=0) + jnp.where(holding, 0.0, CHANCE * chance)[:, None, None]
     score = jnp.where(wanted[..., None] & free(places, things, floor), score, -jnp.inf)
     box, place, stand = jnp.unravel_index(jnp.argmax(score), score.shape)
@@ -99,9 +102,9 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     way = Way(places.boxes.centre[place], around[box, place], turn, middle, radius)
     carry = _carry(state, env, agent, it, others, way)
 
-    gives_up = (is_stuck(state, env, agent) & (state.step % 4 == 0)) | (state.step % PATIENCE == 0)
-    keeps = (gain[box, place] >= LEAST) & ~gives_up
-    grab = ~is_done & jnp.where(holding, keeps, at_grip)
+    luck = jax.random.uniform(jax.random.fold_in(state.key, state.step))
+    gives_up = (is_stuck(state, env, agent) & (luck < GIVE_UP)) | (state.step % PATIENCE == 0)
+    grab = ~is_done & jnp.where(holding, ~gives_up, at_grip)
     forces = jnp.where(is_done, 0.0, jnp.where(holding, carry, fetch))
     return jnp.clip(forces, -1, 1), {"grab": grab.astype(jnp.int32), "lock": jnp.zeros((), jnp.int32)}
 
@@ -165,7 +168,7 @@ def _fetch(
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
     normal = jnp.stack([jnp.cos(side), jnp.sin(side)])
     grip = box.centre + (_depth(box, side) + BESIDE) * normal
-    forces, left = walk(state, env, agent, grip, things), jnp.linalg.norm(grip - here)
+    forces, left = walk(state, env, agent, grip, things, PUSH), jnp.linalg.norm(grip - here)
     looking = forces.at[2].set(face(state, env, agent, box.centre - here))
     return jnp.where(left < 0.6, looking, forces), left < 0.12
 
@@ -209,7 +212,7 @@ def _carry(state: State, env: Environment, agent: int, box: Footprints, others: 
         following = way.middle + off / far * jnp.maximum(far, low)
     fits = (away > low - 0.06) & ((box.centre > least - 0.06) & (box.centre < most + 0.06)).all()
     now = jnp.where(fits | is_stuck(state, env, agent), turns[-1], 0.0)
-    return drive(state, env, agent, following - box.centre, now, FASTEST, box.centre - here)
+    return swing(state, env, agent, box, following - box.centre, now, FASTEST)
 
 
 def _depth(box: Footprints, direction: jax.Array) -> jax.Array:

@@ -82,12 +82,17 @@ def next_step(
     return jnp.where(straight, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here, straight
 
 
-def walk(state: State, env: Environment, agent: int, goal: jax.Array, things: Footprints | None = None) -> jax.Array:
-    """Returns forces (3,) of an agent that walks to a goal (2,), around walls and things, and looks where it goes."""
+def walk(
+    state: State, env: Environment, agent: int, goal: jax.Array, things: Footprints | None = None, most: float = PUSH
+) -> jax.Array:
+    """Returns forces (3,) of an agent that walks to a goal (2,), around walls and things, and looks where it goes.
+
+    It pushes with a share `most` of full force.
+    """
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
     to, near = next_step(state.world.plan, here, goal, things)
     away = jnp.linalg.norm(to)
-    push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(PUSH, SLOWER * away), PUSH)
+    push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(most, SLOWER * away), most)
     return jnp.append(push, jnp.where(away < 0.1, 0.0, face(state, env, agent, to)))
 
 
