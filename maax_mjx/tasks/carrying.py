@@ -31,6 +31,8 @@ REACH = 0.25
 """Metres from an agent's middle within which it locks."""
 SLIDE = 0.11
 """Share of full force against the friction of an agent, and of a box."""
+TWIST, LEVEL = 0.15, 0.04
+"""Share of full torque"""
 STILL = 0.01
 """Metres and radians off below which friction is left to hold a thing."""
 
@@ -126,17 +128,18 @@ def swing(
     """
     own = env.base.agents
     velocity, arm = state.data.qvel[own.qvel_ids[agent]], box.centre - state.data.qpos[own.qpos_ids[agent, :2]]
+    across = jnp.stack([-arm[1], arm[0]])
     left = jnp.linalg.norm(to)
     along = to / jnp.maximum(left, 1e-6)
     spin = jnp.clip(TURN_RATE * turn, -TURN_FASTEST, TURN_FASTEST)
     straight = along * jnp.minimum(RATE * left, fastest)
-    wanted = straight + spin * jnp.stack([arm[1], -arm[0]])
-    missing = PUSH * (wanted - velocity[:2])
+    wanted = straight - spin * across
+    missing = PUSH * (straight - velocity[:2] - velocity[3] * across)
     # What moves the box, and would turn both if nothing kept them from it.
     load = SLIDE * along * (left > STILL) + missing / 2
     push = DRAG * wanted + SLIDE * wanted / jnp.maximum(jnp.linalg.norm(wanted), 0.05) + load + missing / 2
     torque = TURN_DRAG * spin + TURN_PUSH * (spin - velocity[3]) + arm[0] * load[1] - arm[1] * load[0]
-    torque += SLIDE * jnp.linalg.norm(box.half) * jnp.sign(turn) * (jnp.abs(turn) > STILL)
+    torque += TWIST * jnp.linalg.norm(box.half) * jnp.sign(turn) * (jnp.abs(turn) > LEVEL)
     return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
 
 

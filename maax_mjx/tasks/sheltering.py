@@ -35,6 +35,7 @@ ASKEW = 0.6
 PATIENCE, CHANCE, LEFT = 40, 4.0, 0.3
 """Steps after which it thinks anew, rays that chance is worth then, and the share of boxes that it leaves alone."""
 PUSH = 0.8
+WALK_ROOM = 0.2
 GIVE_UP = 0.1
 """Share of steps."""
 AGENT = 0.16
@@ -84,7 +85,7 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     places = places_around(middle, radius, starts)
     gain = gains(places, things, starts, middle)
     around, on_way = _ways_around(places, things, middle, radius, floor)
-    seconds = on_way[..., None] + _seconds(places, things, yaw, here, floor, joined(things, cylinder), held)
+    seconds = on_way[..., None] + _seconds(places, things, yaw, here, floor, joined(things, cylinder), held, around)
     # Some chance, which ends what leads nowhere.
     chance = jax.random.uniform(jax.random.fold_in(state.key, state.step // PATIENCE), (len(numbers),))
     anew = (chance > LEFT) | (state.step < PATIENCE)
@@ -142,19 +143,20 @@ def _ways_around(
 
 def _seconds(
     places: Places, things: Footprints, yaw: jax.Array, here: jax.Array, floor: jax.Array, in_way: Footprints,
-    held: jax.Array,
+    held: jax.Array, around: jax.Array,
 ) -> jax.Array:  # fmt: skip
     """How long it takes to take hold of boxes and to turn them: (4 sides, n, m, stands); infinite where it cannot."""
     sides = yaw + jnp.arange(4)[:, None] * (jnp.pi / 2)
     normals = jnp.stack([jnp.cos(sides), jnp.sin(sides)], axis=-1)
     depth = jnp.tile(things.half.T, (2, 1))
     grips = things.centre + (depth + BESIDE + 0.05)[..., None] * normals
-    has_room = (in_way.clearance(grips) > AGENT) & (jnp.minimum(grips, floor - grips).min(axis=-1) > EDGE + AGENT)
+    has_room = (in_way.clearance(grips) > WALK_ROOM) & (jnp.minimum(grips, floor - grips).min(axis=-1) > EDGE + AGENT)
     walking = jnp.where(has_room, jnp.linalg.norm(grips - here, axis=-1) / WALK + TAKE, jnp.inf)
     beyond = jnp.einsum("snj,nj->sn", normals, here - things.centre) - depth
     is_held_so = jnp.where(jnp.arange(4)[:, None] == jnp.argmax(beyond, axis=0), 0.0, jnp.inf)
     walking = jnp.where(jnp.arange(len(yaw)) == held, is_held_so, walking)
-    turns = jnp.abs(wrapped(jnp.asarray(places.out)[:, None] + STANDS - sides[..., None, None]))
+    turns = wrapped(jnp.asarray(places.out)[:, None] + STANDS - sides[..., None, None])
+    turns = jnp.maximum(jnp.abs(turns), jnp.abs(wrapped(turns - around[..., None])))
     at_end = (depth > CUBE)[..., None, None]
     # Held at its end, a long box is not swung around; and it is to lie across, not to point at the cylinder.
     is_askew = at_end & (turns > ASKEW) | is_long(things)[:, None, None] & (at_end != (STANDS != 0.0))
