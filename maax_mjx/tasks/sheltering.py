@@ -12,7 +12,7 @@ from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.tasks.carrying import footprints, is_stuck, joined, swing, turned, without, wrapped
 from maax_mjx.tasks.shading import BESIDE, CUBE, EDGE, STANDS, TURNS, Places, free, gains, is_long, places_around
-from maax_mjx.tasks.walking import face, task_of, walk
+from maax_mjx.tasks.walking import CELLS, face, go, step_along, task_of, ways
 from maax_mjx.wrappers import GrabObjects, ShelterReward
 from maax_mjx.wrappers.enclosure import Footprints
 
@@ -36,6 +36,7 @@ PATIENCE, CHANCE, LEFT = 40, 4.0, 0.3
 """Steps after which it thinks anew, rays that chance is worth then, and the share of boxes that it leaves alone."""
 PUSH = 0.8
 WALK_ROOM = 0.2
+PACE = 0.4
 GIVE_UP = 0.1
 """Share of steps."""
 AGENT = 0.16
@@ -85,11 +86,12 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     places = places_around(middle, radius, starts)
     gain = gains(places, things, starts, middle)
     around, on_way = _ways_around(places, things, middle, radius, floor)
-    seconds = on_way[..., None] + _seconds(places, things, yaw, here, floor, joined(things, cylinder), held, around)
+    far = ways(state.world.plan, here, joined(things, cylinder))
+    seconds = on_way[..., None] + _seconds(places, things, yaw, here, far, floor, held, around)
     # Some chance, which ends what leads nowhere.
     chance = jax.random.uniform(jax.random.fold_in(state.key, state.step // PATIENCE), (len(numbers),))
     anew = (chance > LEFT) | (state.step < PATIENCE)
-    wanted = (gain >= LEAST) & jnp.where(holding, numbers == held, anew)[:, None]
+    wanted = (gain >= LEAST + PACE * on_way) & jnp.where(holding, numbers == held, anew)[:, None]
     score = gain[..., None] - WORTH * seconds.min(axis=0) + jnp.where(holding, 0.0, CHANCE * chance)[:, None, None]
     score = jnp.where(wanted[..., None] & free(places, things, floor), score, -jnp.inf)
     box, place, stand = jnp.unravel_index(jnp.argmax(score), score.shape)
@@ -97,7 +99,7 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
 
     others, it = without(things, numbers == box), jax.tree.map(lambda x: x[box], things)
     side = yaw[box] + jnp.argmin(seconds[:, box, place, stand]) * (jnp.pi / 2)
-    fetch, at_grip = _fetch(state, env, agent, it, side, joined(things, cylinder))
+    fetch, at_grip = _fetch(state, env, agent, it, side, far)
     at_grip &= others.clearance(here) > without(things, numbers != box).clearance(here)
     turn = wrapped(jnp.asarray(places.out)[place] + jnp.asarray(STANDS)[stand] - side)
     way = Way(places.boxes.centre[place], around[box, place], turn, middle, radius)
@@ -142,7 +144,7 @@ def _ways_around(
 
 
 def _seconds(
-    places: Places, things: Footprints, yaw: jax.Array, here: jax.Array, floor: jax.Array, in_way: Footprints,
+    places: Places, things: Footprints, yaw: jax.Array, here: jax.Array, far: jax.Array, floor: jax.Array,
     held: jax.Array, around: jax.Array,
 ) -> jax.Array:  # fmt: skip
     """How long it takes to take hold of boxes and to turn them: (4 sides, n, m, stands); infinite where it cannot."""
@@ -150,8 +152,8 @@ def _seconds(
     normals = jnp.stack([jnp.cos(sides), jnp.sin(sides)], axis=-1)
     depth = jnp.tile(things.half.T, (2, 1))
     grips = things.centre + (depth + BESIDE + 0.05)[..., None] * normals
-    has_room = (in_way.clearance(grips) > WALK_ROOM) & (jnp.minimum(grips, floor - grips).min(axis=-1) > EDGE + AGENT)
-    walking = jnp.where(has_room, jnp.linalg.norm(grips - here, axis=-1) / WALK + TAKE, jnp.inf)
+    cells = jnp.clip((grips / (floor / CELLS)).astype(jnp.int32), 0, CELLS - 1)
+    walking = far[cells[..., 0], cells[..., 1]] / WALK + TAKE
     beyond = jnp.einsum("snj,nj->sn", normals, here - things.centre) - depth
     is_held_so = jnp.where(jnp.arange(4)[:, None] == jnp.argmax(beyond, axis=0), 0.0, jnp.inf)
     walking = jnp.where(jnp.arange(len(yaw)) == held, is_held_so, walking)
@@ -164,13 +166,14 @@ def _seconds(
 
 
 def _fetch(
-    state: State, env: Environment, agent: int, box: Footprints, side: jax.Array, things: Footprints
+    state: State, env: Environment, agent: int, box: Footprints, side: jax.Array, far: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Forces (3,) of an agent that goes where it can take hold of a box, and whether it is there."""
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
     normal = jnp.stack([jnp.cos(side), jnp.sin(side)])
     grip = box.centre + (_depth(box, side) + BESIDE) * normal
-    forces, left = walk(state, env, agent, grip, things, PUSH), jnp.linalg.norm(grip - here)
+    to, near = step_along(far, state.world.plan.floor_size, here, grip)
+    forces, left = go(state, env, agent, to, near, PUSH), jnp.linalg.norm(grip - here)
     looking = forces.at[2].set(face(state, env, agent, box.centre - here))
     return jnp.where(left < 0.6, looking, forces), left < 0.12
 
