@@ -15,7 +15,7 @@ LONG, THIN, CUBE = 1.65, 0.15, 0.5
 """Metres of the boxes."""
 GAP = 0.08
 """Metres between the cylinder and the nearest places of boxes."""
-BEHIND = np.array([0.0, 0.25, 0.5])
+BEHIND = np.array([0.0, 0.25, 0.5, 0.8])
 """Metres by which places are further away than the nearest."""
 TURNS = 48
 """Directions from the cylinder in which there are places."""
@@ -76,14 +76,15 @@ def stopped(things: Footprints, starts: jax.Array, middle: jax.Array) -> jax.Arr
     return jax.vmap(one)(things)
 
 
-def gains(places: Places, things: Footprints, starts: jax.Array, middle: jax.Array) -> jax.Array:
-    """How many more rays are stopped if a box goes to a place: (n, m), -inf where it does not fit."""
+def gains(places: Places, things: Footprints, starts: jax.Array, middle: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """How many more rays are stopped if a box goes to a place (n, m), -inf where it does not fit; and alone now (n,)."""
     stops = stopped(things, starts, middle)
     # Rays that no other box stops.
     mine = (stops.sum(axis=0) - stops) == 0
-    gain = mine.astype(jnp.float32) @ places.stops.T.astype(jnp.float32) - (mine & stops).sum(axis=1)[:, None]
+    alone = (mine & stops).sum(axis=1)
+    gain = mine.astype(jnp.float32) @ places.stops.T.astype(jnp.float32) - alone[:, None]
     fits = is_long(things)[:, None] == places.is_long
-    return jnp.where(fits & (things.half > 0).all(axis=1)[:, None], gain, -jnp.inf)
+    return jnp.where(fits & (things.half > 0).all(axis=1)[:, None], gain, -jnp.inf), alone
 
 
 def is_long(things: Footprints) -> jax.Array:

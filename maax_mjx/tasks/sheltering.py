@@ -28,7 +28,7 @@ FASTEST = 3.5
 """Metres per second at most with a box in hand."""
 ALONG, TURNING = 0.6, 1.0
 """Radians around the cylinder and of turning by which it looks ahead."""
-CLEAR, PASSAGE, INNER = 0.08, 0.75, 0.6
+CLEAR, PASSAGE, INNER = 0.08, 0.55, 0.6
 """Metres kept from the cylinder on the way, ..."""
 ASKEW = 0.6
 """Radians by which a long box that is held at its end is turned at most."""
@@ -36,7 +36,9 @@ PATIENCE, CHANCE, LEFT = 40, 4.0, 0.3
 """Steps after which it thinks anew, rays that chance is worth then, and the share of boxes that it leaves alone."""
 PUSH = 0.8
 WALK_ROOM = 0.2
-PACE = 0.4
+BARRED = 10.0
+RISK = 0.2
+PACE = 0.1
 GIVE_UP = 0.1
 """Share of steps."""
 AGENT = 0.16
@@ -84,14 +86,15 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     holding = held >= 0
 
     places = places_around(middle, radius, starts)
-    gain = gains(places, things, starts, middle)
+    gain, alone = gains(places, things, starts, middle)
     around, on_way = _ways_around(places, things, middle, radius, floor)
     far = ways(state.world.plan, here, joined(things, cylinder))
     seconds = on_way[..., None] + _seconds(places, things, yaw, here, far, floor, held, around)
     # Some chance, which ends what leads nowhere.
     chance = jax.random.uniform(jax.random.fold_in(state.key, state.step // PATIENCE), (len(numbers),))
     anew = (chance > LEFT) | (state.step < PATIENCE)
-    wanted = (gain >= LEAST + PACE * on_way) & jnp.where(holding, numbers == held, anew)[:, None]
+    least = LEAST + jnp.where(holding, 0.0, RISK * alone)[:, None]
+    wanted = (gain >= least + PACE * on_way) & jnp.where(holding, numbers == held, anew)[:, None]
     score = gain[..., None] - WORTH * seconds.min(axis=0) + jnp.where(holding, 0.0, CHANCE * chance)[:, None, None]
     score = jnp.where(wanted[..., None] & free(places, things, floor), score, -jnp.inf)
     box, place, stand = jnp.unravel_index(jnp.argmax(score), score.shape)
@@ -128,7 +131,7 @@ def _ways_around(
     at = jnp.round(angle / step).astype(jnp.int32) % TURNS
     is_near = (away[:, 0] < radius + 1.2) & (things.half > 0).all(axis=1)
     boxes = jnp.where(is_near, SHOVE, 0.0)[:, None] * (at[:, None] == np.arange(TURNS))
-    passed = jnp.cumsum(jnp.tile(boxes.sum(axis=0) + 20.0 * is_shut, 2))
+    passed = jnp.cumsum(jnp.tile(boxes.sum(axis=0) + 5.0 * is_shut, 2))
     first, last = at[:, None], jnp.asarray(np.round(places.out / step).astype(int) % TURNS)
     left, right = (last - first) % TURNS, (first - last) % TURNS
     # Strictly between.
@@ -153,7 +156,8 @@ def _seconds(
     depth = jnp.tile(things.half.T, (2, 1))
     grips = things.centre + (depth + BESIDE + 0.05)[..., None] * normals
     cells = jnp.clip((grips / (floor / CELLS)).astype(jnp.int32), 0, CELLS - 1)
-    walking = far[cells[..., 0], cells[..., 1]] / WALK + TAKE
+    straight = jnp.linalg.norm(grips - here, axis=-1)
+    walking = jnp.minimum(far[cells[..., 0], cells[..., 1]], straight + BARRED) / WALK + TAKE
     beyond = jnp.einsum("snj,nj->sn", normals, here - things.centre) - depth
     is_held_so = jnp.where(jnp.arange(4)[:, None] == jnp.argmax(beyond, axis=0), 0.0, jnp.inf)
     walking = jnp.where(jnp.arange(len(yaw)) == held, is_held_so, walking)
