@@ -32,7 +32,8 @@ REACH = 0.25
 SLIDE = 0.11
 """Share of full force against the friction of an agent, and of a box."""
 TWIST, LEVEL = 0.15, 0.04
-"""Share of full torque"""
+"""Share of full torque against the friction of a box that turns, for a metre from its middle to its corners, and
+radians off below which it is left."""
 STILL = 0.01
 """Metres and radians off below which friction is left to hold a thing."""
 
@@ -143,9 +144,7 @@ def swing(
     return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
 
 
-def turning_place(
-    here: jax.Array, within: jax.Array, things: Footprints, radius: jax.Array, short: float = SHORT
-) -> jax.Array:
+def turning_place(here: jax.Array, within: jax.Array, things: Footprints, radius: jax.Array) -> jax.Array:
     """Returns the nearest place (2,) in metres where an agent can turn with a thing in hand, or the one with most room.
 
     Args:
@@ -153,7 +152,6 @@ def turning_place(
         within: (4,) x0, y0, x1, y1 of the room in metres.
         things: what is in the way.
         radius: () metres around the agent that it takes to turn.
-        short: metres that it goes rather than to turn where a metre of room is missing.
     """
     low, high = within[:2] + radius, within[2:] - radius
     middle = (low + high) / 2
@@ -162,7 +160,7 @@ def turning_place(
     grid = jnp.stack(jnp.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     places = jnp.concatenate([here[None], low + grid * (high - low)])
     room = jnp.minimum(things.clearance(places), jnp.minimum(places - within[:2], within[2:] - places).min(axis=1))
-    cost = jnp.linalg.norm(places - here, axis=1) + short * jnp.maximum(radius - room, 0.0)
+    cost = jnp.linalg.norm(places - here, axis=1) + SHORT * jnp.maximum(radius - room, 0.0)
     return places[jnp.argmin(cost)]
 
 

@@ -11,38 +11,45 @@ import numpy as np
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.tasks.carrying import footprints, is_stuck, joined, swing, turned, without, wrapped
-from maax_mjx.tasks.shading import BESIDE, CUBE, EDGE, STANDS, TURNS, Places, free, gains, is_long, places_around
+from maax_mjx.tasks.shading import BESIDE, CUBE, EDGE, KEPT, STANDS, TURNS, Places, free, gains, is_long, places_around
 from maax_mjx.tasks.walking import CELLS, face, go, step_along, task_of, ways
 from maax_mjx.wrappers import GrabObjects, ShelterReward
 from maax_mjx.wrappers.enclosure import Footprints
 
 WALK, CARRY, TURN = 3.0, 2.0, 3.0
 """Metres per second on the way to a box and with one in hand, and radians per second, as they are reckoned with."""
-TAKE, SHOVE = 0.7, 0.5
-"""Seconds that it takes to take hold and let go, and to get past a box that is in the way."""
+TAKE, SHOVE, SQUEEZE = 0.7, 0.5, 5.0
+"""Seconds that it takes to take hold and let go, to get past a box that is in the way, and through a narrow passage."""
 WORTH = 3.0
 """Rays that are worth a second."""
-LEAST = 2
-"""Rays to be gained, below which a box is left where it is."""
-FASTEST = 3.5
-"""Metres per second at most with a box in hand."""
+LEAST, RISK, PACE = 2.0, 0.1, 0.3
+"""Rays to be gained, below which a box is left where it is; and more of them for a ray that only this box stops, which
+may be lost, and for a second with the box in hand."""
+BARRED = 40.0
+"""Metres that count for what cannot be reached unless boxes are pushed aside."""
+PUSH, FASTEST = 0.8, 3.5
+"""Share of full force on the way to a box, and metres per second at most with one in hand."""
+LOOKING, TAKES = 0.6, 0.12
+"""Metres from where it takes hold within which it looks at the box, and takes hold."""
 ALONG, TURNING = 0.6, 1.0
-"""Radians around the cylinder and of turning by which it looks ahead."""
-CLEAR, PASSAGE, INNER = 0.08, 0.55, 0.6
-"""Metres kept from the cylinder on the way, ..."""
+"""Radians around the cylinder, and of turning, by which it looks ahead with a box in hand."""
+CLEAR, OUT = 0.08, 0.06
+"""Metres kept from the cylinder on the way, and by which a box is too near to something to be turned."""
+NEAR, BACK, AHEAD, ALMOST = 0.6, 0.3, 1.0, 0.4
+"""Metres from the cylinder within which boxes are passed behind them; radians around it behind the box in hand and
+ahead of it where they are, and those from its place where they no longer count."""
+BESIDE_WAY = 1.2
+"""Metres from the cylinder within which boxes are in the way around it."""
+PASSAGE = 0.55
+"""Metres that a long box and its agent take between the cylinder and a wall."""
+BODY = 0.16
+"""Metres, the radius of an agent, and a little."""
 ASKEW = 0.6
 """Radians by which a long box that is held at its end is turned at most."""
 PATIENCE, CHANCE, LEFT = 40, 4.0, 0.3
 """Steps after which it thinks anew, rays that chance is worth then, and the share of boxes that it leaves alone."""
-PUSH = 0.8
-WALK_ROOM = 0.2
-BARRED = 10.0
-RISK = 0.2
-PACE = 0.1
 GIVE_UP = 0.1
-"""Share of steps."""
-AGENT = 0.16
-"""Metres, the radius of an agent, and a little."""
+"""Share of the steps without motion at which it lets go of a box."""
 
 
 class Way(NamedTuple):
@@ -66,7 +73,7 @@ class Way(NamedTuple):
 def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, dict[str, Any]]:
     """Returns the actions of an agent that brings boxes to where they keep most rays from the cylinder.
 
-    It knows where everything is.
+    It knows where everything is; see `docs/games.md` for how many rays it leaves.
 
     Returns:
         Forces (3,); and "grab" and "lock", () {0, 1} each.
@@ -123,15 +130,15 @@ def _ways_around(
     from_, to = things.centre - middle, places.boxes.centre - middle
     away, there = jnp.linalg.norm(from_, axis=1)[:, None], jnp.linalg.norm(to, axis=1)
     angle = jnp.arctan2(from_[:, 1], from_[:, 0])
-    # Seconds that it takes to get past what stands in a direction: boxes near the cylinder, and walls without a passage.
+    # Seconds that it takes to get past what stands in a direction: boxes near the cylinder, and walls close to it.
     directions = np.arange(TURNS) * step
     u = np.stack([np.cos(directions), np.sin(directions)], axis=1)
     passage = middle + (radius + PASSAGE) * u
     is_shut = jnp.minimum(passage, floor - passage).min(axis=1) < EDGE
     at = jnp.round(angle / step).astype(jnp.int32) % TURNS
-    is_near = (away[:, 0] < radius + 1.2) & (things.half > 0).all(axis=1)
+    is_near = (away[:, 0] < radius + BESIDE_WAY) & (things.half > 0).all(axis=1)
     boxes = jnp.where(is_near, SHOVE, 0.0)[:, None] * (at[:, None] == np.arange(TURNS))
-    passed = jnp.cumsum(jnp.tile(boxes.sum(axis=0) + 5.0 * is_shut, 2))
+    passed = jnp.cumsum(jnp.tile(boxes.sum(axis=0) + SQUEEZE * is_shut, 2))
     first, last = at[:, None], jnp.asarray(np.round(places.out / step).astype(int) % TURNS)
     left, right = (last - first) % TURNS, (first - last) % TURNS
     # Strictly between.
@@ -156,8 +163,8 @@ def _seconds(
     depth = jnp.tile(things.half.T, (2, 1))
     grips = things.centre + (depth + BESIDE + 0.05)[..., None] * normals
     cells = jnp.clip((grips / (floor / CELLS)).astype(jnp.int32), 0, CELLS - 1)
-    straight = jnp.linalg.norm(grips - here, axis=-1)
-    walking = jnp.minimum(far[cells[..., 0], cells[..., 1]], straight + BARRED) / WALK + TAKE
+    barred = jnp.where(jnp.minimum(grips, floor - grips).min(axis=-1) > KEPT, BARRED, jnp.inf)
+    walking = jnp.minimum(far[cells[..., 0], cells[..., 1]], barred) / WALK + TAKE
     beyond = jnp.einsum("snj,nj->sn", normals, here - things.centre) - depth
     is_held_so = jnp.where(jnp.arange(4)[:, None] == jnp.argmax(beyond, axis=0), 0.0, jnp.inf)
     walking = jnp.where(jnp.arange(len(yaw)) == held, is_held_so, walking)
@@ -179,7 +186,7 @@ def _fetch(
     to, near = step_along(far, state.world.plan.floor_size, here, grip)
     forces, left = go(state, env, agent, to, near, PUSH), jnp.linalg.norm(grip - here)
     looking = forces.at[2].set(face(state, env, agent, box.centre - here))
-    return jnp.where(left < 0.6, looking, forces), left < 0.12
+    return jnp.where(left < LOOKING, looking, forces), left < TAKES
 
 
 def _carry(state: State, env: Environment, agent: int, box: Footprints, others: Footprints, way: Way) -> jax.Array:
@@ -189,39 +196,41 @@ def _carry(state: State, env: Environment, agent: int, box: Footprints, others: 
     angle, away = jnp.arctan2(from_[1], from_[0]), jnp.linalg.norm(from_)
     ahead = jnp.clip(way.around, -ALONG, ALONG)
     # On the way, it is turned as it would be at the cylinder there.
-    turn = wrapped(way.turn - way.around + ahead)
-    # How far it reaches, with the agent, while it turns.
-    turns = jnp.linspace(0.0, 1.0, 5) * jnp.clip(turn, -TURNING, TURNING)
-    to_agent = turned(here - box.centre, turns)
+    turn = jnp.clip(wrapped(way.turn - way.around + ahead), -TURNING, TURNING)
+    turns = jnp.linspace(0.0, 1.0, 5) * turn
+    agents = turned(here - box.centre, turns)
 
-    def reach(direction: jax.Array) -> jax.Array:
+    def reach(direction: jax.Array | float) -> jax.Array:
+        """How far box and agent reach from the box's middle while they turn."""
         u = jnp.stack([jnp.cos(direction), jnp.sin(direction)])
-        return jnp.maximum(_depth(box, direction - turns), to_agent @ u + AGENT).max()
+        return jnp.maximum(_depth(box, direction - turns), agents @ u + BODY).max()
 
     inward = reach(angle + jnp.pi)
-    low = way.radius + inward + CLEAR
-    # Boxes at the cylinder are passed behind them.
-    there = others.centre - way.middle
-    other_angle, other_away = jnp.arctan2(there[:, 1], there[:, 0]), jnp.linalg.norm(there, axis=1)
-    other_depth = jax.vmap(_depth)(others, other_angle)
-    along = wrapped(other_angle - angle) * jnp.sign(ahead)
-    passes = (along > -0.3) & (along < jnp.minimum(jnp.abs(way.around), 1.0)) & (jnp.abs(way.around) > 0.4)
-    passes &= (other_away - other_depth < way.radius + INNER) & (others.half > 0).all(axis=1)
-    behind = jnp.where(passes, other_away + other_depth + inward, 0.0).max()
-    away_goal = jnp.maximum(jnp.linalg.norm(way.goal - way.middle), jnp.maximum(low, behind))
-
-    sides = jnp.array([[reach(jnp.pi), reach(3 * jnp.pi / 2)], [reach(0.0), reach(jnp.pi / 2)]])
-    least, most = EDGE + sides[0], floor - EDGE - sides[1]
-
-    following = way.middle + away_goal * jnp.stack([jnp.cos(angle + ahead), jnp.sin(angle + ahead)])
+    nearest = way.radius + inward + CLEAR
+    behind = _behind(others, way, angle) + inward
+    far = jnp.maximum(jnp.linalg.norm(way.goal - way.middle), jnp.maximum(nearest, behind))
+    low = EDGE + jnp.stack([reach(jnp.pi), reach(-jnp.pi / 2)])
+    high = floor - EDGE - jnp.stack([reach(0.0), reach(jnp.pi / 2)])
+    to = way.middle + far * jnp.stack([jnp.cos(angle + ahead), jnp.sin(angle + ahead)])
+    # Between the walls and off the cylinder, along the wall where the cylinder is near it.
     for _ in range(4):
-        following = jnp.clip(following, jnp.minimum(least, most), jnp.maximum(least, most))
-        off = following - way.middle
-        far = jnp.linalg.norm(off)
-        following = way.middle + off / far * jnp.maximum(far, low)
-    fits = (away > low - 0.06) & ((box.centre > least - 0.06) & (box.centre < most + 0.06)).all()
-    now = jnp.where(fits | is_stuck(state, env, agent), turns[-1], 0.0)
-    return swing(state, env, agent, box, following - box.centre, now, FASTEST)
+        to = jnp.clip(to, jnp.minimum(low, high), jnp.maximum(low, high)) - way.middle
+        to = way.middle + to * jnp.maximum(nearest / jnp.linalg.norm(to), 1.0)
+    # It is turned where there is room for that.
+    has_room = (away > nearest - OUT) & ((box.centre > low - OUT) & (box.centre < high + OUT)).all()
+    turn = jnp.where(has_room | is_stuck(state, env, agent), turn, 0.0)
+    return swing(state, env, agent, box, to - box.centre, turn, FASTEST)
+
+
+def _behind(others: Footprints, way: Way, angle: jax.Array) -> jax.Array:
+    """Metres from the cylinder's middle to the outer sides of boxes at it which are on the way around from an angle."""
+    there = others.centre - way.middle
+    angles, away = jnp.arctan2(there[:, 1], there[:, 0]), jnp.linalg.norm(there, axis=1)
+    depth, around = jax.vmap(_depth)(others, angles), jnp.abs(way.around)
+    along = wrapped(angles - angle) * jnp.sign(way.around)
+    passes = (along > -BACK) & (along < jnp.minimum(around, AHEAD)) & (around > ALMOST)
+    passes &= (away - depth < way.radius + NEAR) & (others.half > 0).all(axis=1)
+    return jnp.where(passes, away + depth, -jnp.inf).max()
 
 
 def _depth(box: Footprints, direction: jax.Array) -> jax.Array:
