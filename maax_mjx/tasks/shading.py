@@ -77,7 +77,7 @@ def stopped(things: Footprints, starts: jax.Array, middle: jax.Array) -> jax.Arr
 
 
 def gains(places: Places, things: Footprints, starts: jax.Array, middle: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Rays that are gained if boxes go to places (n, m), -inf where they do not fit; and that only they stop now (n,)."""
+    """Rays gained if boxes go to places (n, m), -inf where they do not fit; and those that only they stop now (n,)."""
     stops = stopped(things, starts, middle)
     # Rays that no other box stops.
     mine = (stops.sum(axis=0) - stops) == 0
