@@ -29,6 +29,11 @@ NO_ROOM, AHEAD = 20.0, 0.7
 """Metres that an agent goes rather than to where a metre of room is missing, and metres by which it looks ahead."""
 REACH = 0.25
 """Metres from an agent's middle within which it locks."""
+SLIDE = 0.11
+"""Share of full force against the friction of an agent, and of a box."""
+TWIST, LEVEL = 0.15, 0.04
+"""Share of full torque against the friction of a box that turns, for a metre from its middle to its corners, and
+radians off below which it is left."""
 STILL = 0.01
 """Metres and radians off below which friction is left to hold a thing."""
 
@@ -110,9 +115,36 @@ def drive(
     return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
 
 
-def turning_place(
-    here: jax.Array, within: jax.Array, things: Footprints, radius: jax.Array, short: float = SHORT
+def swing(
+    state: State, env: Environment, agent: int, box: Footprints, to: jax.Array, turn: jax.Array, fastest: float
 ) -> jax.Array:
+    """Returns forces (3,) of an agent with a box in hand, whose middle goes straight while both turn around it.
+
+    Args:
+        state, env, agent: who acts.
+        box: what is held; one, without an axis of boxes.
+        to: (2,) metres that are still to go.
+        turn: () radians by which it is still to turn.
+        fastest: metres per second.
+    """
+    own = env.base.agents
+    velocity, arm = state.data.qvel[own.qvel_ids[agent]], box.centre - state.data.qpos[own.qpos_ids[agent, :2]]
+    across = jnp.stack([-arm[1], arm[0]])
+    left = jnp.linalg.norm(to)
+    along = to / jnp.maximum(left, 1e-6)
+    spin = jnp.clip(TURN_RATE * turn, -TURN_FASTEST, TURN_FASTEST)
+    straight = along * jnp.minimum(RATE * left, fastest)
+    wanted = straight - spin * across
+    missing = PUSH * (straight - velocity[:2] - velocity[3] * across)
+    # What moves the box, and would turn both if nothing kept them from it.
+    load = SLIDE * along * (left > STILL) + missing / 2
+    push = DRAG * wanted + SLIDE * wanted / jnp.maximum(jnp.linalg.norm(wanted), 0.05) + load + missing / 2
+    torque = TURN_DRAG * spin + TURN_PUSH * (spin - velocity[3]) + arm[0] * load[1] - arm[1] * load[0]
+    torque += TWIST * jnp.linalg.norm(box.half) * jnp.sign(turn) * (jnp.abs(turn) > LEVEL)
+    return jnp.clip(jnp.append(push, torque), -1.0, 1.0)
+
+
+def turning_place(here: jax.Array, within: jax.Array, things: Footprints, radius: jax.Array) -> jax.Array:
     """Returns the nearest place (2,) in metres where an agent can turn with a thing in hand, or the one with most room.
 
     Args:
@@ -120,7 +152,6 @@ def turning_place(
         within: (4,) x0, y0, x1, y1 of the room in metres.
         things: what is in the way.
         radius: () metres around the agent that it takes to turn.
-        short: metres that it goes rather than to turn where a metre of room is missing.
     """
     low, high = within[:2] + radius, within[2:] - radius
     middle = (low + high) / 2
@@ -129,7 +160,7 @@ def turning_place(
     grid = jnp.stack(jnp.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     places = jnp.concatenate([here[None], low + grid * (high - low)])
     room = jnp.minimum(things.clearance(places), jnp.minimum(places - within[:2], within[2:] - places).min(axis=1))
-    cost = jnp.linalg.norm(places - here, axis=1) + short * jnp.maximum(radius - room, 0.0)
+    cost = jnp.linalg.norm(places - here, axis=1) + SHORT * jnp.maximum(radius - room, 0.0)
     return places[jnp.argmin(cost)]
 
 

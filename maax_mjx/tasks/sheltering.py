@@ -10,70 +10,46 @@ import numpy as np
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
-from maax_mjx.tasks.carrying import REACH, drive, footprints, is_stuck, joined, turned, turning_place, without, wrapped
-from maax_mjx.tasks.walking import CELLS, face, task_of, walk, ways
-from maax_mjx.wrappers import GrabObjects, LockObjects, ShelterReward
+from maax_mjx.tasks.carrying import footprints, is_stuck, joined, swing, turned, without, wrapped
+from maax_mjx.tasks.shading import BESIDE, CUBE, EDGE, KEPT, STANDS, TURNS, Places, free, gains, is_long, places_around
+from maax_mjx.tasks.walking import CELLS, face, go, step_along, task_of, ways
+from maax_mjx.wrappers import GrabObjects, ShelterReward
 from maax_mjx.wrappers.enclosure import Footprints
 
-LONG, THIN, CUBE = 1.65, 0.15, 0.5
-"""Metres of the boxes."""
-GAP = 0.07
-"""Metres between the cylinder and the nearest places of boxes."""
-BEHIND = np.array([0.0, 0.3, 0.6])
-"""Metres by which places are further away than the nearest."""
-TURNS = 48
-"""Directions from the cylinder in which there are places."""
-STANDS = np.array([0.0, np.pi / 2, -np.pi / 2])
-"""Radians from the direction away from the cylinder to where the agent stands, seen from the box."""
-BESIDE = 0.18
-"""Metres from a box's face to the middle of an agent that takes hold there."""
-ROOM, EDGE, KEPT = 0.02, 0.12, 0.28
-"""Metres that boxes in their places keep from others, and boxes and agents' middles from the edges of the floor."""
-WALK, CARRY, TURN = 2.8, 1.8, 4.0
+WALK, CARRY, TURN = 3.0, 2.0, 3.0
 """Metres per second on the way to a box and with one in hand, and radians per second, as they are reckoned with."""
-TAKE, SHOVE = 0.7, 0.8
-"""Seconds that it takes to take hold and let go, and to get past a box that is in the way."""
+TAKE, SHOVE, SQUEEZE = 0.7, 0.5, 5.0
+"""Seconds that it takes to take hold and let go, to get past a box that is in the way, and through a narrow passage."""
 WORTH = 3.0
 """Rays that are worth a second."""
-LEAST = 2
-"""Rays to be gained, below which a box is left where it is."""
-FAR = 20.0
-"""Metres that count for what cannot be reached."""
-FASTEST = 3.5
-"""Metres per second at most with a box in hand."""
-ALONG = 0.6
-"""Radians around the cylinder by which it looks ahead."""
-WIDE, WIDER, WIDEST = 0.9, 0.3, 0.5
-"""Metres further out for a radian around the cylinder that is left, for one that is to be turned, and at most."""
-FITS, TURNED = 0.1, 0.15
-"""Metres and radians from its place at which a box is let go."""
-NEAR = 1.0
-"""Metres from the cylinder to the middles of boxes that are locked."""
-ASKEW, SWEEP = 0.6, 1.0
-"""Radians by which a long box is turned where there is room for it, and metres around the agent that it takes."""
-PIVOT, SHORT = 3.0, 15.0
-"""Seconds that this takes, and metres that the agent goes rather than to turn where a metre of room is missing."""
-PULL_EVERY, PULLS, PULL, TOUCH = 14, 5, 0.7, 0.06
-"""Steps of which in the first ones a long box is pulled from the cylinder, how many, how far in metres, and the metres
-from the cylinder within which it is."""
+LEAST, RISK, PACE = 2.0, 0.1, 0.3
+"""Rays to be gained, below which a box is left where it is; and more of them for a ray that only this box stops, which
+may be lost, and for a second with the box in hand."""
+BARRED = 40.0
+"""Metres that count for what cannot be reached unless boxes are pushed aside."""
+PUSH, FASTEST = 0.8, 3.5
+"""Share of full force on the way to a box, and metres per second at most with one in hand."""
+LOOKING, TAKES = 0.6, 0.12
+"""Metres from where it takes hold within which it looks at the box, and takes hold."""
+ALONG, TURNING = 0.6, 1.0
+"""Radians around the cylinder, and of turning, by which it looks ahead with a box in hand."""
+CLEAR, OUT = 0.08, 0.06
+"""Metres kept from the cylinder on the way, and by which a box is too near to something to be turned."""
+NEAR, BACK, AHEAD, ALMOST = 0.6, 0.3, 1.0, 0.4
+"""Metres from the cylinder within which boxes are passed behind them; radians around it behind the box in hand and
+ahead of it where they are, and those from its place where they no longer count."""
+BESIDE_WAY = 1.2
+"""Metres from the cylinder within which boxes are in the way around it."""
+PASSAGE = 0.55
+"""Metres that a long box and its agent take between the cylinder and a wall."""
+BODY = 0.16
+"""Metres, the radius of an agent, and a little."""
+ASKEW = 0.6
+"""Radians by which a long box that is held at its end is turned at most."""
 PATIENCE, CHANCE, LEFT = 40, 4.0, 0.3
 """Steps after which it thinks anew, rays that chance is worth then, and the share of boxes that it leaves alone."""
-
-
-class Places(NamedTuple):
-    """Where boxes may go.
-
-    Attributes:
-        boxes: (m,) footprints there, whose x axes point away from the cylinder.
-        out: (m,) radians of these.
-        stops: (m, r) bool, the rays that end there.
-        is_long: (m,) bool, whether it is for a long box.
-    """
-
-    boxes: Footprints
-    out: jax.Array
-    stops: jax.Array
-    is_long: np.ndarray
+GIVE_UP = 0.1
+"""Share of the steps without motion at which it lets go of a box."""
 
 
 class Way(NamedTuple):
@@ -81,26 +57,23 @@ class Way(NamedTuple):
 
     Attributes:
         goal: (2,) metres, of the box's middle.
-        out: () radians, the direction from the cylinder to the goal.
+        around: () radians around the cylinder to the goal.
         turn: () radians by which the box is still to be turned.
         middle: (2,) metres, of the cylinder.
         radius: () metres, of the cylinder.
-        pivot: (2,) metres, where the agent turns with a long box.
     """
 
     goal: jax.Array
-    out: jax.Array
+    around: jax.Array
     turn: jax.Array
     middle: jax.Array
     radius: jax.Array
-    pivot: jax.Array
 
 
 def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, dict[str, Any]]:
     """Returns the actions of an agent that brings boxes to where they keep most rays from the cylinder.
 
-    It knows where everything is. Of 52 rays at the start it leaves 28 in the published time of 240 steps, and at most
-    half in 55 % of worlds (of 96); in twice the time 16 (of 32): long boxes jam at the cylinder and at other boxes.
+    It knows where everything is; see `docs/games.md` for how many rays it leaves.
 
     Returns:
         Forces (3,); and "grab" and "lock", () {0, 1} each.
@@ -120,197 +93,159 @@ def shelter(state: State, env: Environment, agent: int = 0) -> tuple[jax.Array, 
     holding = held >= 0
 
     places = places_around(middle, radius, starts)
-    free = _free(places, things, floor)
-    gain = jnp.where(free.any(axis=0), _gains(places, things, starts, middle), -jnp.inf)
-    seconds = _seconds(state, places, things, yaw, middle, here, joined(things, cylinder), held)
+    gain, alone = gains(places, things, starts, middle)
+    around, on_way = _ways_around(places, things, middle, radius, floor)
+    far = ways(state.world.plan, here, joined(things, cylinder))
+    seconds = on_way[..., None] + _seconds(places, things, yaw, here, far, floor, held, around)
     # Some chance, which ends what leads nowhere.
     chance = jax.random.uniform(jax.random.fold_in(state.key, state.step // PATIENCE), (len(numbers),))
-    anew = (gain >= LEAST) & ((chance > LEFT) | (state.step < PATIENCE))[:, None] & ~_are_in(places, things, yaw)
-    wanted = jnp.where(holding, (numbers == held)[:, None], anew)
+    anew = (chance > LEFT) | (state.step < PATIENCE)
+    least = LEAST + jnp.where(holding, 0.0, RISK * alone)[:, None]
+    wanted = (gain >= least + PACE * on_way) & jnp.where(holding, numbers == held, anew)[:, None]
     score = gain[..., None] - WORTH * seconds.min(axis=0) + jnp.where(holding, 0.0, CHANCE * chance)[:, None, None]
-    score = jnp.where(wanted[..., None] & jnp.moveaxis(free, 0, 2), score, -jnp.inf)
+    score = jnp.where(wanted[..., None] & free(places, things, floor), score, -jnp.inf)
     box, place, stand = jnp.unravel_index(jnp.argmax(score), score.shape)
     is_done = ~jnp.isfinite(score.max())
 
     others, it = without(things, numbers == box), jax.tree.map(lambda x: x[box], things)
     side = yaw[box] + jnp.argmin(seconds[:, box, place, stand]) * (jnp.pi / 2)
-    fetch, at_grip = _fetch(state, env, agent, it, side, joined(things, cylinder))
+    fetch, at_grip = _fetch(state, env, agent, it, side, far)
     at_grip &= others.clearance(here) > without(things, numbers != box).clearance(here)
-    goal, out = places.boxes.centre[place], places.out[place]
-    within = jnp.concatenate([jnp.full(2, EDGE), jnp.full(2, floor - EDGE)])
-    pivot = turning_place(here, within, joined(others, cylinder), jnp.asarray(SWEEP), SHORT)
-    turn = wrapped(out + jnp.asarray(STANDS)[stand] - side)
-    carry, turn = _carry(state, env, agent, it, Way(goal, out, turn, middle, radius, pivot))
+    turn = wrapped(jnp.asarray(places.out)[place] + jnp.asarray(STANDS)[stand] - side)
+    way = Way(places.boxes.centre[place], around[box, place], turn, middle, radius)
+    carry = _carry(state, env, agent, it, others, way)
 
-    there = (jnp.linalg.norm(goal - it.centre) < FITS) & (jnp.abs(turn) < TURNED)
-    gives_up = (is_stuck(state, env, agent) & (state.step % 4 == 0)) | (state.step % PATIENCE == 0)
-    keeps = ~there & (gain[box, place] > 0) & ~gives_up
-    grab = ~is_done & jnp.where(holding, keeps, at_grip)
+    luck = jax.random.uniform(jax.random.fold_in(state.key, state.step))
+    gives_up = (is_stuck(state, env, agent) & (luck < GIVE_UP)) | (state.step % PATIENCE == 0)
+    grab = ~is_done & jnp.where(holding, ~gives_up, at_grip)
     forces = jnp.where(is_done, 0.0, jnp.where(holding, carry, fetch))
-    # One choice for all in reach: what is placed is locked unless that would lock something else.
-    in_reach = jax.vmap(lambda x: without(things, numbers != x).clearance(here))(numbers) < REACH
-    placed = (gain.max(axis=1) < LEAST) & (jnp.linalg.norm(things.centre - middle, axis=1) < radius + NEAR)
-    lock = (in_reach & placed).any() & ~(in_reach & ~placed).any()
-    return jnp.clip(forces, -1, 1), {"grab": grab.astype(jnp.int32), "lock": lock.astype(jnp.int32)}
+    return jnp.clip(forces, -1, 1), {"grab": grab.astype(jnp.int32), "lock": jnp.zeros((), jnp.int32)}
 
 
-def places_around(middle: jax.Array, radius: jax.Array, starts: jax.Array) -> Places:
-    """Returns the places around a cylinder.
-
-    Args:
-        middle: (2,) metres, of the cylinder.
-        radius: () metres.
-        starts: (r, 2) metres, where rays begin.
-    """
-    out = np.arange(TURNS) * (2 * np.pi / TURNS)
-    is_long, behind, out = (x.reshape(-1) for x in np.meshgrid([False, True], BEHIND, out, indexing="ij"))
-    half = np.where(is_long[:, None], [THIN / 2, LONG / 2], CUBE / 2)
-    u = np.stack([np.cos(out), np.sin(out)], axis=1)
-    centre = middle + u * (radius + GAP + behind + half[:, 0])[:, None]
-    there = Footprints(centre, jnp.asarray(half), jnp.asarray(u))
-    return Places(there, jnp.asarray(out), stopped(there, starts, middle), is_long)
-
-
-def stopped(things: Footprints, starts: jax.Array, middle: jax.Array) -> jax.Array:
-    """Returns which things stop which rays (r, 2) to a point (2,): (n, r) bool."""
-
-    def one(thing: Footprints) -> jax.Array:
-        back = -jnp.arctan2(thing.turn[1], thing.turn[0])
-        from_, way = turned(starts - thing.centre, back), turned(middle - starts, back)
-        way = jnp.where(jnp.abs(way) < 1e-6, 1e-6, way)
-        ends = jnp.stack([(-thing.half - from_) / way, (thing.half - from_) / way])
-        first, last = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
-        return (last > jnp.maximum(first, 0.0)) & (first < 1.0) & (thing.half > 0).all()
-
-    return jax.vmap(one)(things)
-
-
-def _gains(places: Places, things: Footprints, starts: jax.Array, middle: jax.Array) -> jax.Array:
-    """How many more rays are stopped if a box goes to a place: (n, m), -inf where it does not fit."""
-    stops = stopped(things, starts, middle)
-    # Rays that no other box stops.
-    mine = (stops.sum(axis=0) - stops) == 0
-    gain = mine.astype(jnp.float32) @ places.stops.T.astype(jnp.float32) - (mine & stops).sum(axis=1)[:, None]
-    is_long = things.half.max(axis=1) > CUBE
-    return jnp.where((is_long[:, None] == places.is_long) & (things.half > 0).all(axis=1)[:, None], gain, -jnp.inf)
-
-
-def _are_in(places: Places, things: Footprints, yaw: jax.Array) -> jax.Array:
-    """Which boxes are in which places: (n, m) bool."""
-    period = jnp.where(things.half.max(axis=1) > CUBE, jnp.pi, jnp.pi / 2)[:, None]
-    off = yaw[:, None] + jnp.where(things.half[:, :1] > things.half[:, 1:], jnp.pi / 2, 0.0) - places.out
-    off = jnp.abs(off - period * jnp.round(off / period))
-    return (jnp.linalg.norm(things.centre[:, None] - places.boxes.centre, axis=-1) < FITS + 0.03) & (off < TURNED + 0.1)
-
-
-def _free(places: Places, things: Footprints, floor: jax.Array) -> jax.Array:
-    """Whether there is room for a box in a place and an agent beside it: (stands, n, m) bool."""
-    there = places.boxes
-    u = there.turn
-    aside = jnp.stack([-u[:, 1], u[:, 0]], axis=1)
-    grid = np.stack(np.meshgrid([-1.0, 1.0], np.linspace(-1, 1, 7), indexing="ij"), axis=-1).reshape(-1, 2)
-    at = grid * there.half[:, None]
-    points = there.centre[:, None] + at[..., :1] * u[:, None] + at[..., 1:] * aside[:, None]
-    stands = jnp.stack([
-        there.centre + (there.half[:, :1] + BESIDE) * u,
-        there.centre + (there.half[:, 1:] + BESIDE) * aside,
-        there.centre - (there.half[:, 1:] + BESIDE) * aside,
-    ])  # fmt: skip
-    inside = jnp.minimum(points, floor - points).min(axis=(1, 2)) > EDGE
-    inside = inside & (jnp.minimum(stands, floor - stands).min(axis=2) > KEPT)
-
-    def apart(thing: Footprints) -> jax.Array:
-        one = jax.tree.map(lambda x: x[None], thing)
-        return (one.clearance(points).min(axis=1) > ROOM) & (one.clearance(stands) > 0.15)
-
-    close = ~jax.vmap(apart)(things)
-    # By others than the box itself.
-    return jnp.moveaxis((close.sum(axis=0) - close) == 0, 1, 0) & inside[:, None]
+def _ways_around(
+    places: Places, things: Footprints, middle: jax.Array, radius: jax.Array, floor: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Radians around the cylinder from boxes to places (n, m), the quicker way round, and the seconds that it takes."""
+    step = 2 * np.pi / TURNS
+    from_, to = things.centre - middle, places.boxes.centre - middle
+    away, there = jnp.linalg.norm(from_, axis=1)[:, None], jnp.linalg.norm(to, axis=1)
+    angle = jnp.arctan2(from_[:, 1], from_[:, 0])
+    # Seconds that it takes to get past what stands in a direction: boxes near the cylinder, and walls close to it.
+    directions = np.arange(TURNS) * step
+    u = np.stack([np.cos(directions), np.sin(directions)], axis=1)
+    passage = middle + (radius + PASSAGE) * u
+    is_shut = jnp.minimum(passage, floor - passage).min(axis=1) < EDGE
+    at = jnp.round(angle / step).astype(jnp.int32) % TURNS
+    is_near = (away[:, 0] < radius + BESIDE_WAY) & (things.half > 0).all(axis=1)
+    boxes = jnp.where(is_near, SHOVE, 0.0)[:, None] * (at[:, None] == np.arange(TURNS))
+    passed = jnp.cumsum(jnp.tile(boxes.sum(axis=0) + SQUEEZE * is_shut, 2))
+    first, last = at[:, None], jnp.asarray(np.round(places.out / step).astype(int) % TURNS)
+    left, right = (last - first) % TURNS, (first - last) % TURNS
+    # Strictly between.
+    over = [
+        jnp.where(left > 1, passed[first + jnp.maximum(left, 1) - 1] - passed[first], 0.0),
+        jnp.where(right > 1, passed[last + jnp.maximum(right, 1) - 1] - passed[last], 0.0),
+    ]
+    around = jnp.asarray(places.out) - angle[:, None]
+    arcs = [around % (2 * np.pi), -around % (2 * np.pi)]
+    far = [(arc * jnp.minimum(away, there + 0.3) / CARRY + cost) for arc, cost in zip(arcs, over, strict=True)]
+    quicker = jnp.where(far[0] < far[1], arcs[0], -arcs[1])
+    return quicker, jnp.minimum(*far) + jnp.abs(away - there) / CARRY
 
 
 def _seconds(
-    state: State, places: Places, things: Footprints, yaw: jax.Array, middle: jax.Array, here: jax.Array,
-    in_way: Footprints, held: jax.Array,
+    places: Places, things: Footprints, yaw: jax.Array, here: jax.Array, far: jax.Array, floor: jax.Array,
+    held: jax.Array, around: jax.Array,
 ) -> jax.Array:  # fmt: skip
-    """How long it takes to bring boxes to places, by where it takes hold and stands then: (4, n, m, stands)."""
-    plan, numbers = state.world.plan, jnp.arange(len(yaw))
-    far = ways(plan, here, in_way)
+    """How long it takes to take hold of boxes and to turn them: (4 sides, n, m, stands); infinite where it cannot."""
     sides = yaw + jnp.arange(4)[:, None] * (jnp.pi / 2)
     normals = jnp.stack([jnp.cos(sides), jnp.sin(sides)], axis=-1)
     depth = jnp.tile(things.half.T, (2, 1))
     grips = things.centre + (depth + BESIDE + 0.05)[..., None] * normals
-    cells = jnp.clip((grips / (plan.floor_size / CELLS)).astype(jnp.int32), 0, CELLS - 1)
-    walking = jnp.minimum(far[cells[..., 0], cells[..., 1]], FAR) / WALK
+    cells = jnp.clip((grips / (floor / CELLS)).astype(jnp.int32), 0, CELLS - 1)
+    barred = jnp.where(jnp.minimum(grips, floor - grips).min(axis=-1) > KEPT, BARRED, jnp.inf)
+    walking = jnp.minimum(far[cells[..., 0], cells[..., 1]], barred) / WALK + TAKE
     beyond = jnp.einsum("snj,nj->sn", normals, here - things.centre) - depth
     is_held_so = jnp.where(jnp.arange(4)[:, None] == jnp.argmax(beyond, axis=0), 0.0, jnp.inf)
-    walking = jnp.where(numbers == held, is_held_so, walking + TAKE)
-
-    turns = wrapped(places.out[:, None] + STANDS - sides[..., None, None])
-    from_, to = things.centre - middle, places.boxes.centre - middle
-    angle, away = jnp.arctan2(from_[:, 1], from_[:, 0]), jnp.linalg.norm(from_, axis=1)
-    around = wrapped(places.out - angle[:, None])
-    there = jnp.linalg.norm(to, axis=1)
-    metres = jnp.abs(away[:, None] - there) + jnp.minimum(away[:, None], there + 0.3) * jnp.abs(around)
-    # Boxes between, which are passed on the way around.
-    along = wrapped(angle - angle[:, None])[:, None] * jnp.sign(around)[..., None]
-    between = (along > 0) & (along < jnp.abs(around)[..., None]) & (away < 2.2)
-    between &= (numbers != numbers[:, None])[:, None]
-    carrying = metres / CARRY + SHOVE * between.sum(axis=-1)
-    is_long = things.half.max(axis=1) > CUBE
-    is_askew = is_long[:, None, None] & (jnp.abs(turns) > ASKEW)
+    walking = jnp.where(jnp.arange(len(yaw)) == held, is_held_so, walking)
+    turns = wrapped(jnp.asarray(places.out)[:, None] + STANDS - sides[..., None, None])
+    turns = jnp.maximum(jnp.abs(turns), jnp.abs(wrapped(turns - around[..., None])))
     at_end = (depth > CUBE)[..., None, None]
-    turning = jnp.abs(turns) / TURN + jnp.where(is_askew, jnp.where(at_end, jnp.inf, PIVOT), 0.0)
-    return walking[..., None, None] + carrying[..., None] + turning
+    # Held at its end, a long box is not swung around; and it is to lie across, not to point at the cylinder.
+    is_askew = at_end & (turns > ASKEW) | is_long(things)[:, None, None] & (at_end != (STANDS != 0.0))
+    return walking[..., None, None] + jnp.where(is_askew, jnp.inf, turns / TURN)
 
 
 def _fetch(
-    state: State, env: Environment, agent: int, box: Footprints, side: jax.Array, things: Footprints
+    state: State, env: Environment, agent: int, box: Footprints, side: jax.Array, far: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Forces (3,) of an agent that goes where it can take hold of a box, and whether it is there."""
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
     normal = jnp.stack([jnp.cos(side), jnp.sin(side)])
     grip = box.centre + (_depth(box, side) + BESIDE) * normal
-    forces, left = walk(state, env, agent, grip, things), jnp.linalg.norm(grip - here)
+    to, near = step_along(far, state.world.plan.floor_size, here, grip)
+    forces, left = go(state, env, agent, to, near, PUSH), jnp.linalg.norm(grip - here)
     looking = forces.at[2].set(face(state, env, agent, box.centre - here))
-    return jnp.where(left < 0.6, looking, forces), left < 0.12
+    return jnp.where(left < LOOKING, looking, forces), left < TAKES
 
 
-def _carry(state: State, env: Environment, agent: int, box: Footprints, way: Way) -> tuple[jax.Array, jax.Array]:
-    """Forces (3,) of an agent that brings a box around the cylinder to its place, and radians left to turn."""
+def _carry(state: State, env: Environment, agent: int, box: Footprints, others: Footprints, way: Way) -> jax.Array:
+    """Forces (3,) of an agent that brings a box around the cylinder to its place."""
     here, floor = state.data.qpos[env.base.agents.qpos_ids[agent, :2]], state.world.plan.floor_size
-    from_, is_long = box.centre - way.middle, box.half.max() > CUBE
+    from_ = box.centre - way.middle
     angle, away = jnp.arctan2(from_[1], from_[0]), jnp.linalg.norm(from_)
-    around = wrapped(way.out - angle)
-    # On the way, cubes are turned as they would be at the cylinder there; long boxes at once as they are to lie.
-    turn = jnp.where(is_long, way.turn, wrapped(way.turn - around + jnp.clip(around, -0.3, 0.3)))
-    wider = jnp.minimum(WIDE * jnp.abs(around) + WIDER * jnp.abs(turn), WIDEST)
-    ahead = angle + jnp.clip(around, -ALONG, ALONG)
-    u = jnp.stack([jnp.cos(ahead), jnp.sin(ahead)])
-    following = way.middle + (jnp.linalg.norm(way.goal - way.middle) + wider) * u
-    final = following - turned(box.centre - here, turn)
-    is_askew = is_long & (jnp.abs(turn) > ASKEW)
-    final = jnp.where(is_askew, way.pivot, final)
-    # The end of a long box does not slide along the cylinder: now and then it is pulled away.
-    jams = is_long & (away < way.radius + _depth(box, angle) + TOUCH) & (is_askew | (jnp.abs(around) > 0.3))
-    pulls = jams & (state.step % PULL_EVERY < PULLS)
-    final = jnp.where(pulls, here + PULL * from_ / away, final)
-    now = jnp.where(pulls | (is_askew & (jnp.linalg.norm(way.pivot - here) > 0.1)), 0.0, turn)
-    return drive(state, env, agent, jnp.clip(final, KEPT, floor - KEPT) - here, now, FASTEST), turn
+    ahead = jnp.clip(way.around, -ALONG, ALONG)
+    # On the way, it is turned as it would be at the cylinder there.
+    turn = jnp.clip(wrapped(way.turn - way.around + ahead), -TURNING, TURNING)
+    turns = jnp.linspace(0.0, 1.0, 5) * turn
+    agents = turned(here - box.centre, turns)
+
+    def reach(direction: jax.Array | float) -> jax.Array:
+        """How far box and agent reach from the box's middle while they turn."""
+        u = jnp.stack([jnp.cos(direction), jnp.sin(direction)])
+        return jnp.maximum(_depth(box, direction - turns), agents @ u + BODY).max()
+
+    inward = reach(angle + jnp.pi)
+    nearest = way.radius + inward + CLEAR
+    behind = _behind(others, way, angle) + inward
+    far = jnp.maximum(jnp.linalg.norm(way.goal - way.middle), jnp.maximum(nearest, behind))
+    low = EDGE + jnp.stack([reach(jnp.pi), reach(-jnp.pi / 2)])
+    high = floor - EDGE - jnp.stack([reach(0.0), reach(jnp.pi / 2)])
+    to = way.middle + far * jnp.stack([jnp.cos(angle + ahead), jnp.sin(angle + ahead)])
+    # Between the walls and off the cylinder, along the wall where the cylinder is near it.
+    for _ in range(4):
+        to = jnp.clip(to, jnp.minimum(low, high), jnp.maximum(low, high)) - way.middle
+        to = way.middle + to * jnp.maximum(nearest / jnp.linalg.norm(to), 1.0)
+    # It is turned where there is room for that.
+    has_room = (away > nearest - OUT) & ((box.centre > low - OUT) & (box.centre < high + OUT)).all()
+    turn = jnp.where(has_room | is_stuck(state, env, agent), turn, 0.0)
+    return swing(state, env, agent, box, to - box.centre, turn, FASTEST)
+
+
+def _behind(others: Footprints, way: Way, angle: jax.Array) -> jax.Array:
+    """Metres from the cylinder's middle to the outer sides of boxes at it which are on the way around from an angle."""
+    there = others.centre - way.middle
+    angles, away = jnp.arctan2(there[:, 1], there[:, 0]), jnp.linalg.norm(there, axis=1)
+    depth, around = jax.vmap(_depth)(others, angles), jnp.abs(way.around)
+    along = wrapped(angles - angle) * jnp.sign(way.around)
+    passes = (along > -BACK) & (along < jnp.minimum(around, AHEAD)) & (around > ALMOST)
+    passes &= (away - depth < way.radius + NEAR) & (others.half > 0).all(axis=1)
+    return jnp.where(passes, away + depth, -jnp.inf).max()
 
 
 def _depth(box: Footprints, direction: jax.Array) -> jax.Array:
-    """Metres from a box's middle to the furthest that it goes in a direction in radians."""
+    """Metres from a box's middle to the furthest that it goes in directions (...) in radians."""
     off = direction - jnp.arctan2(box.turn[1], box.turn[0])
-    return jnp.abs(jnp.stack([jnp.cos(off), jnp.sin(off)])) @ box.half
+    return jnp.abs(jnp.stack([jnp.cos(off), jnp.sin(off)], axis=-1)) @ box.half
 
 
 def check_shelter(env: Environment) -> None:
     """Refuses a game that the script cannot play.
 
     Raises:
-        ValueError: an environment without `ShelterReward`, or without boxes that can be grabbed and locked.
+        ValueError: an environment without `ShelterReward`, or without boxes that can be grabbed.
     """
-    for wrapper in (ShelterReward, GrabObjects, LockObjects):
+    for wrapper in (ShelterReward, GrabObjects):
         task_of(env, wrapper, "shelter")
 
 

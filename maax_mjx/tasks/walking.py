@@ -82,12 +82,50 @@ def next_step(
     return jnp.where(straight, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here, straight
 
 
+def step_along(far: jax.Array, floor: jax.Array, here: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Returns the same as `next_step`, for any of many goals.
+
+    Args:
+        far: (CELLS, CELLS) metres from `here`, see `ways`.
+        floor: () metres, its edge.
+        here: (2,) metres.
+        goal: (2,) metres.
+    """
+    cell = floor / CELLS
+
+    def back(at: jax.Array) -> jax.Array:
+        beside = jnp.clip(at + AHEAD, 0, CELLS - 1)
+        return beside[jnp.argmin(far[beside[:, 0], beside[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell)]
+
+    def is_on_way(at: jax.Array) -> jax.Array:
+        away = far[at[0], at[1]]
+        return jnp.isfinite(away) & (away > NEAR * cell)
+
+    end = jnp.clip((goal / cell).astype(jnp.int32), 0, CELLS - 1)
+    # What has no room for an agent may be beside what has.
+    first = jnp.where(jnp.isfinite(far[end[0], end[1]]), end, back(end))
+    at = jax.lax.while_loop(is_on_way, back, first)
+    straight = (jnp.linalg.norm(goal - here) < NEAR * cell) | ~jnp.isfinite(far[at[0], at[1]])
+    return jnp.where(straight, goal, (at + 0.5) * cell) - here, straight
+
+
 def walk(state: State, env: Environment, agent: int, goal: jax.Array, things: Footprints | None = None) -> jax.Array:
     """Returns forces (3,) of an agent that walks to a goal (2,), around walls and things, and looks where it goes."""
     here = state.data.qpos[env.base.agents.qpos_ids[agent, :2]]
-    to, near = next_step(state.world.plan, here, goal, things)
+    return go(state, env, agent, *next_step(state.world.plan, here, goal, things))
+
+
+def go(state: State, env: Environment, agent: int, to: jax.Array, near: jax.Array, most: float = PUSH) -> jax.Array:
+    """Returns forces (3,) of an agent that walks straight, and looks where it goes.
+
+    Args:
+        state, env, agent: who acts.
+        to: (2,) metres that are still to go.
+        near: () bool, whether it is to arrive there.
+        most: share of full force.
+    """
     away = jnp.linalg.norm(to)
-    push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(PUSH, SLOWER * away), PUSH)
+    push = to / jnp.maximum(away, 1e-6) * jnp.where(near, jnp.minimum(most, SLOWER * away), most)
     return jnp.append(push, jnp.where(away < 0.1, 0.0, face(state, env, agent, to)))
 
 
