@@ -217,7 +217,9 @@ def _alike(a: Head, b: Head) -> bool:
 
 
 def _columns(names: tuple[str, ...] | None) -> str:
-    return "nothing" if names is None else f"{len(names)} columns ({', '.join(names)})"
+    if names is None:
+        return "nothing"
+    return f"{len(names)} {'column' if len(names) == 1 else 'columns'} ({', '.join(names)})"
 
 
 def _choices(head: Head | None) -> str:
