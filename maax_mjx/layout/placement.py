@@ -314,17 +314,39 @@ def room_placement(index: int) -> PlacementFn:
     Raises:
         ValueError: a negative index; with `Base`, one that no world of the environment has.
     """
+    return _room_placement("room_placement", index, lambda layout: layout.plan.rooms)
+
+
+@made
+def published_room_placement(index: int) -> PlacementFn:
+    """A placement inside room `index` in the range of cells of OpenAI's `tri_placement`.
+
+    Towards higher x and y it leaves a free cell empty at outer walls, and two at inner ones.
+
+    Raises:
+        ValueError: as `room_placement`.
+    """
+    return _room_placement("published_room_placement", index, _published_rooms)
+
+
+def _room_placement(name: str, index: int, rooms_of: Callable[[Layout], jax.Array]) -> PlacementFn:
     check_count("index", index)
 
     def placement(layout: Layout, cells: jax.Array) -> jax.Array:
-        plan = layout.plan
-        if index >= plan.rooms.shape[0]:
-            raise ValueError(f"room_placement: got room {index}; worlds of this environment have {plan.rooms.shape[0]}")
-        return _or_anywhere(within(layout.grid.size, cells, plan.rooms[index]), plan.room_mask[index])
+        rooms = rooms_of(layout)
+        if index >= rooms.shape[0]:
+            raise ValueError(f"{name}: got room {index}; worlds of this environment have {rooms.shape[0]}")
+        return _or_anywhere(within(layout.grid.size, cells, rooms[index]), layout.plan.room_mask[index])
 
     placement.rooms = index + 1  # type: ignore[attr-defined]
-    placement.__name__ = f"room_placement({index})"
+    placement.__name__ = f"{name}({index})"
     return placement
+
+
+def _published_rooms(layout: Layout) -> jax.Array:
+    """The rooms (n, 4) in cells, as far as OpenAI's code places things in them."""
+    rooms = layout.plan.rooms
+    return rooms.at[:, 2:].add(jnp.where(rooms[:, 2:] == layout.grid.size - 1, -1, -2))
 
 
 def rooms_in_turn_placement(layout: Layout, cells: jax.Array) -> jax.Array:
@@ -333,6 +355,18 @@ def rooms_in_turn_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     So no room gets a second object before every room has one (OpenAI's `rotate_tri_placement`). Anywhere in a world
     without rooms.
     """
+    return _in_turn(layout, cells, layout.plan.rooms)
+
+
+def published_rooms_in_turn_placement(layout: Layout, cells: jax.Array) -> jax.Array:
+    """The same in the ranges of cells of OpenAI's code, see `published_room_placement`.
+
+    There a place that is not free costs a room its turn; here it does not.
+    """
+    return _in_turn(layout, cells, _published_rooms(layout))
+
+
+def _in_turn(layout: Layout, cells: jax.Array, rooms: jax.Array) -> jax.Array:
     plan, placed = layout.plan, layout.stacked_objects()
     if not plan.rooms.shape[0]:
         return uniform_placement(layout, cells)
@@ -340,7 +374,7 @@ def rooms_in_turn_placement(layout: Layout, cells: jax.Array) -> jax.Array:
     inside = ((at > plan.rooms[:, :2]) & (at < plan.rooms[:, 2:])).all(axis=-1) & (placed[:, None, 2] > 0)
     number = jnp.where(plan.room_mask, inside.sum(axis=0), len(placed) + 1)
     turn = (number == number.min()) & plan.room_mask
-    allowed = jax.vmap(partial(within, layout.grid.size, cells))(plan.rooms) & turn[:, None, None]
+    allowed = jax.vmap(partial(within, layout.grid.size, cells))(rooms) & turn[:, None, None]
     share = allowed / jnp.maximum(allowed.sum(axis=(1, 2), keepdims=True), 1)
     return jnp.where(plan.room_mask.any(), share.sum(axis=0), 1.0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import partial
 
@@ -14,6 +15,8 @@ from maax_mjx.layout.placement import (
     outside_quad_placement,
     published_outside_quad_placement,
     published_quad_placement,
+    published_room_placement,
+    published_rooms_in_turn_placement,
     published_uniform_placement,
     quad_placement,
     room_placement,
@@ -23,7 +26,8 @@ from maax_mjx.layout.placement import (
 
 MIDDLE = 0.5
 """Share of the floor's edge, of the square that is called "middle"."""
-ROOM = "room"
+ROOMS = {"room": room_placement, "published_room": published_room_placement}
+"""Placements in a room, by what stands before its number."""
 
 
 def _or_anywhere(fn: PlacementFn) -> PlacementFn:
@@ -44,6 +48,7 @@ _PLACEMENTS: dict[str, PlacementFn] = {
     "published_uniform": published_uniform_placement,
     "published_quad": _or_anywhere(published_quad_placement),
     "published_outside_quad": _or_anywhere(published_outside_quad_placement),
+    "published_rooms_in_turn": published_rooms_in_turn_placement,
 }
 
 
@@ -58,8 +63,8 @@ def placement_by_name(name: str, argument: str = "placement", also: Sequence[str
     "uniform" is anywhere, "centre" in the middle to the cell, "middle" in the central square of half the floor's edge,
     "quad" and "outside_quad" in and outside the quadrant, both anywhere in an environment without one, "room0",
     "room1", ... in that room (see `room_placement`), "rooms_in_turn" in one of the rooms with fewest objects (see
-    `rooms_in_turn_placement`); "published_uniform", "published_quad" and "published_outside_quad" have the ranges of
-    cells of OpenAI's code. Others are those of `register_placement`.
+    `rooms_in_turn_placement`); those named "published_..." have the ranges of cells of OpenAI's code. Others are those
+    of `register_placement`.
 
     Args:
         name: of the placement.
@@ -69,9 +74,9 @@ def placement_by_name(name: str, argument: str = "placement", also: Sequence[str
     Raises:
         ValueError: an unknown name, with the nearest ones.
     """
-    if isinstance(name, str) and name not in _PLACEMENTS and _is_room(name):
-        return room_placement(int(name.removeprefix(ROOM)))
-    return _PLACEMENTS[check_choice(argument, name, [*_PLACEMENTS, f"{ROOM}0", f"{ROOM}1", *also])]
+    if isinstance(name, str) and name not in _PLACEMENTS and (room := _room_of(name)):
+        return ROOMS[room[1]](int(room[2]))
+    return _PLACEMENTS[check_choice(argument, name, [*_PLACEMENTS, "room0", "room1", *also])]
 
 
 def register_placement(name: str, placement_fn: PlacementFn) -> None:
@@ -95,12 +100,12 @@ def register_placement(name: str, placement_fn: PlacementFn) -> None:
         ValueError: a name that is taken, or what is not a function.
     """
     check_new_name(name, _PLACEMENTS, placement_fn)
-    if _is_room(name):
+    if _room_of(name):
         raise ValueError(f"name: got {name!r}; takes a name that is not of a room")
     if not callable(placement_fn):
         raise ValueError(f"placement_fn: got {placement_fn!r}; takes a function (layout, cells) -> weights")
     _PLACEMENTS[name] = placement_fn
 
 
-def _is_room(name: str) -> bool:
-    return name.startswith(ROOM) and name.removeprefix(ROOM).isdecimal()
+def _room_of(name: str) -> re.Match[str] | None:
+    return re.fullmatch(rf"({'|'.join(ROOMS)})([0-9]+)", name)

@@ -28,6 +28,7 @@ from maax_mjx.tasks.transfer.locks import (
     SequentialLockConfig,
     lock_all,
     lock_task,
+    sequential_lock,
 )
 from maax_mjx.tasks.transfer.shelter import ShelterConfig, shelter
 
@@ -43,7 +44,7 @@ register("lock_all", lock_all, LockAllConfig)
 register("lock_and_return", lock_task, LockAndReturnConfig)
 register("lock_order", lock_all, LockOrderConfig)
 register("object_counting", object_counting, CountingConfig)
-register("sequential_lock", lock_task, SequentialLockConfig)
+register("sequential_lock", sequential_lock, SequentialLockConfig)
 register("shelter", shelter, ShelterConfig)
 
 __all__ = [
@@ -82,6 +83,7 @@ __all__ = [
     "object_counting",
     "observed_by_agents",
     "register",
+    "sequential_lock",
     "shelter",
     "short_name",
     "standard",

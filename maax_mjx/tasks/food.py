@@ -52,6 +52,8 @@ class FoodConfig(Config):
         respawn_steps: see `EatFood`.
         rew_type: see `EatFood`.
         scale: see `EatFood`.
+        split: see `EatFood`.
+        observe_scale: see `EatFood`.
         between: see `EatFood`.
     """
 
@@ -65,6 +67,8 @@ class FoodConfig(Config):
     respawn_steps: PositiveCount | None = 5
     rew_type: Annotated[str, OneOf(FOOD_REW_TYPES)] = "team_mean"
     scale: NonNegativeRange = 1.0
+    split: bool = False
+    observe_scale: bool = False
     between: Annotated[str, OneOf(BETWEEN)] = "centres"
 
 
@@ -107,7 +111,7 @@ def with_food(env: Environment, config: FoodConfig) -> Environment:
     """Lets hiders eat what they see, by the published rules."""
     env = EatFood(
         env, config.radius, config.max_health, config.respawn_steps, config.rew_type, config.scale,
-        between=config.between,
+        config.split, config.observe_scale, config.between,
     )  # fmt: skip
     env = MaskPreparationAction(MaskActions(env, EAT, (f"sees_{Food.kind}",)), EAT)
     if not config.when_caught:

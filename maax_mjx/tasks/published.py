@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
@@ -29,7 +30,8 @@ PARTS: dict[str, dict[str, Any]] = {
     "world_params": {"iterations": ITERATIONS},
 }
 """Fields of a config, and of configs in it, and what they are in the published code."""
-PLACEMENTS = {name: f"published_{name}" for name in ("uniform", "quad", "outside_quad", "team")}
+PLACEMENTS = ("uniform", "quad", "outside_quad", "team", "rooms_in_turn", "room[0-9]+")
+"""Patterns of the names of placements that the published code has, in ranges of its own."""
 
 
 def as_published(config: C) -> C:
@@ -50,9 +52,17 @@ def as_published(config: C) -> C:
     placements = {}
     for f in fields(config):
         value = getattr(config, f.name)
-        if f.name.endswith("_placement") and isinstance(value, str):
-            placements[f.name] = PLACEMENTS.get(value, value)
+        if f.name.endswith("_placement"):
+            placements[f.name] = _published_name(value)
     return replace(_where_default(config, default, WORLD), **parts, **placements)
+
+
+def _published_name(placement: Any) -> Any:
+    """Returns what a placement is called as published, or several; others, and functions, are returned as they are."""
+    if isinstance(placement, tuple | list):
+        return type(placement)(map(_published_name, placement))
+    known = isinstance(placement, str) and re.fullmatch("|".join(PLACEMENTS), placement)
+    return f"published_{placement}" if known else placement
 
 
 def _where_default(config: C, default: C, changed: dict[str, Any]) -> C:

@@ -19,6 +19,7 @@ MADE = {
     "proximity": maax.proximity_placement(1.0, to="box0"),
     "published proximity": maax.published_proximity_placement(1.0, to="box0"),
     "room": maax.room_placement(0),
+    "published room": maax.published_room_placement(0),
     "all": maax.all_of(maax.middle_placement(0.7), maax.proximity_placement(radius=2.0, to="box0")),
     "any": maax.any_of(maax.uniform_placement, maax.quad_placement),
 }

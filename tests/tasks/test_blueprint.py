@@ -131,3 +131,7 @@ def test_what_does_not_fit_is_refused():
             maax.make("blueprint", **{field: value})
     with pytest.raises(ValueError, match=r"n_sites: got \(2, 9\) with 8 boxes to fill them; takes as many at most"):
         maax.make("blueprint", n_sites=(2, 9))
+    with pytest.raises(
+        ValueError, match=r"n_sites: got 4 with site_middle=0.05, where 1 fit beside each other; takes as"
+    ):
+        maax.make("blueprint", impl="c", n_sites=4, site_middle=0.05)

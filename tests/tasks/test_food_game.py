@@ -192,6 +192,10 @@ def test_the_published_numbers(game):
     eats = find(game, maax.EatFood)
     assert (eats.radius, eats.max_health, eats.respawn_steps, eats.rew_type) == (0.5, 40, 5, "team_mean")
     assert (eats.scale, eats.split, eats.observe_scale) == ((1.0, 1.0), False, False)
+    other = find(
+        maax.make("hide_and_seek_food", impl="c", **{"food.split": True, "food.observe_scale": True}), type(eats)
+    )
+    assert (other.split, other.observe_scale) == (True, True)
     config = maax.FoodConfig()
     assert (config.n_clusters, config.together_radius, config.when_caught, config.placement) == (1, 0.25, False, None)
     full = maax.config_of("hide_and_seek_full")

@@ -154,6 +154,59 @@ def test_in_three_rooms_things_take_turns():
         assert np.abs(shares - 1 / 3).max() < 4.5 * np.sqrt(2 / 9 / n)
 
 
+PUBLISHED_ROOMS = {
+    # First wall across x or y at `a`, second wall at `b` on the low or high side: lowest and highest cells by room, of
+    # which a thing of s cells begins at the lowest to highest - s - 1 (`tri_placement` and its room ranges).
+    ("x", "low"): lambda a, b, g: [
+        ((a + 1, g - 1), (1, g - 1)), ((1, a - 1), (1, b - 1)), ((1, a - 1), (b + 1, g - 1)),
+    ],
+    ("x", "high"): lambda a, b, g: [
+        ((1, a - 1), (1, g - 1)), ((a + 1, g - 1), (1, b - 1)), ((a + 1, g - 1), (b + 1, g - 1)),
+    ],
+    ("y", "low"): lambda a, b, g: [
+        ((1, g - 1), (a + 1, g - 1)), ((1, b - 1), (1, a - 1)), ((b + 1, g - 1), (1, a - 1)),
+    ],
+    ("y", "high"): lambda a, b, g: [
+        ((1, g - 1), (1, a - 1)), ((1, b - 1), (a + 1, g - 1)), ((b + 1, g - 1), (a + 1, g - 1)),
+    ],
+}  # fmt: skip
+
+
+def published_rooms(plan, i, g=30):
+    """The published ranges of cells of a world of "tri", from where its walls lie."""
+    first, second, third = np.asarray(plan.rooms[i])
+    axis = 0 if first[3] - first[1] == g - 2 else 1
+    low = first[axis] > 1
+    a, b = (first[axis] - 1 if low else first[2 + axis]), second[3 - axis]
+    assert third[1 - axis] == b + 1
+    return PUBLISHED_ROOMS["xy"[axis], "low" if low else "high"](a, b, g)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("published", [True, False])
+def test_things_in_three_rooms_begin_in_the_published_cells(published):
+    """Boxes in turn and a ramp in each room; without `published` they take all of it."""
+    n = 400
+    env = maax.make("lock_order", impl="c", scenario="tri", n_boxes=3, n_ramps=3, published=published)
+    states = maax.Worlds(env, n).reset(seeds.key(9))
+    qpos, valid = np.asarray(states.data.qpos), np.asarray(states.world.valid)
+    outside, ends = 0, np.zeros((2, 2), int)
+    s = 3  # cells of either
+    for name in ("box", "ramp"):
+        module = env.base.modules[name]
+        at = qpos[:, module.qpos_ids[:, :2]]
+        of = room_of(states, at)
+        for i in np.flatnonzero(valid):
+            ranges = published_rooms(states.world.plan, i)
+            for k in range(3):
+                start = np.round(at[i, k] / 0.2 - s / 2)
+                for d, (low, high) in enumerate(ranges[of[i, k]]):
+                    outside += not low <= start[d] <= high - s - 1
+                    ends[d] += start[d] == low, start[d] == high - s - 1
+    assert (ends > 20).all(), "both ends are used"
+    assert (outside == 0) if published else (outside > 0.05 * 12 * n)
+
+
 @pytest.mark.slow
 def test_other_scenarios_have_the_published_places():
     def drawn(**options):
@@ -175,7 +228,17 @@ def test_other_scenarios_have_the_published_places():
     assert env.base.modules["walls"].friction is None
 
 
+def test_ramps_go_round_the_rooms():
+    """As many as one likes, of both games with rooms."""
+    for name, more in (("sequential_lock", {}), ("lock_all", {"scenario": "tri"})):
+        for n in (0, 2, 4):
+            config = maax.config_of(name, n_ramps=n, **more).completed()
+            assert config.ramp_placement == ([f"room{k % 3}" for k in range(n)] or "uniform")
+
+
 def test_what_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match=r"n_boxes: got \(0, 1\); a lock task takes at least one box to lock in every"):
+        maax.make("lock_order", impl="c", n_boxes=(0, 1))
     with pytest.raises(ValueError, match="LockTask takes one agent"):
         maax.LockTask(maax.LockObjects(maax.make("tag", impl="c", observations="raw")))
     inner = maax.TeamMembership(

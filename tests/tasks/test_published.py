@@ -236,6 +236,18 @@ def test_transfer_tasks_take_the_same_details(task):
     assert as_published(maax.config_of(task, published=True)).agent_placement == "published_uniform"
 
 
+def test_rooms_are_those_of_the_published_code():
+    """By name, alone or in a list; functions stay."""
+    ramps = as_published(maax.config_of("sequential_lock", published=True).completed()).ramp_placement
+    assert ramps == ["published_room0", "published_room1", "published_room2"]
+    config = as_published(
+        maax.config_of("lock_all", published=True, scenario="tri", box_placement="middle").completed()
+    )
+    assert config.agent_placement == "published_rooms_in_turn"
+    assert config.box_placement == "middle"
+    assert as_published(maax.config_of("lock_all", scenario="tri").completed()).agent_placement == "rooms_in_turn"
+
+
 def test_published_food_is_eaten_from_the_corner():
     fed = "hide_and_seek_food"
     assert maax.config_of(fed).food.between == "centres"

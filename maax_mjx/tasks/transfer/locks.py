@@ -55,6 +55,7 @@ class SequentialLockConfig(TransferConfig):
     They and the agent are anywhere in three rooms without doors; a ramp in each leads over its walls.
 
     Attributes:
+        ramp_placement: None is as published, the first ramp in the first room, and so on.
         task: arguments of the reward.
     """
 
@@ -62,15 +63,22 @@ class SequentialLockConfig(TransferConfig):
     door_size: Count = 0
     n_boxes: Number = 4
     n_ramps: Number = 3
-    ramp_placement: Placements = ("room0", "room1", "room2")
+    ramp_placement: Placements | None = None  # type: ignore[assignment]
     wall_friction: NonNegativeRange | None = None
     horizon: PositiveCount | None = 120
     task: LockTaskConfig = LockTaskConfig(in_order=True)
+
+    def completed(self) -> SequentialLockConfig:
+        """The same with what was published in place of None."""
+        placement = _one_in_each_room(self.n_ramps) if self.ramp_placement is None else self.ramp_placement
+        return replace(self, ramp_placement=placement)
 
 
 @dataclass(frozen=True)
 class LockAllConfig(TransferConfig):
     """Two boxes to be locked, with what the published code takes where no config says anything.
+
+    But boxes turn about z alone, as in all published configs; the code's own default lets them tip.
 
     The published scenarios are "quad", "random", "empty" and "tri", with the placements below, and "tri" with
     `agent_placement="uniform"` and `box_placement="uniform"`.
@@ -99,14 +107,13 @@ class LockAllConfig(TransferConfig):
 
     def completed(self) -> LockAllConfig:
         """The same with what was published in place of None."""
-        n_ramps = check_count_range("n_ramps", self.n_ramps)[1]
         found: dict[str, dict[str, Any]] = {
             "quad": {"agent_placement": "quad", "wall_friction": 0.01},
             "empty": {"agent_placement": "centre"},
             "tri": {
                 "agent_placement": "rooms_in_turn",
                 "box_placement": "rooms_in_turn",
-                "ramp_placement": [f"room{i % N_ROOMS}" for i in range(n_ramps)] or "uniform",
+                "ramp_placement": _one_in_each_room(self.n_ramps),
             },
         }
         anywhere = dict.fromkeys(("agent_placement", "box_placement", "ramp_placement"), "uniform")
@@ -119,6 +126,15 @@ class LockOrderConfig(LockAllConfig):
     """The same, in the order of the boxes' numbers; see `LockAllConfig`."""
 
     task: LockTaskConfig = LockTaskConfig(in_order=True, unlock=7.0, shaped=0.25)
+
+
+def sequential_lock(config: SequentialLockConfig) -> Environment:
+    """Builds the game of `SequentialLockConfig`.
+
+    Raises:
+        ValueError: a config that the world or the wrappers refuse.
+    """
+    return lock_task(config.completed())
 
 
 def lock_all(config: LockAllConfig) -> Environment:
@@ -136,9 +152,13 @@ def lock_task(config: LockAndReturnConfig | SequentialLockConfig | LockAllConfig
     Raises:
         ValueError: a config that the world or the wrappers refuse.
     """
-    if not check_count_range("n_boxes", config.n_boxes)[1]:
-        raise ValueError("n_boxes: got 0; a lock task takes at least one box to lock")
+    if not check_count_range("n_boxes", config.n_boxes)[0]:
+        raise ValueError(f"n_boxes: got {config.n_boxes}; a lock task takes at least one box to lock in every world")
     env: Environment = LockTask(one_agent(config), **arguments(config.task))
     if config.task.in_order:
         env = LockInOrder(env)
     return as_in_hide_and_seek(env, config)
+
+
+def _one_in_each_room(n_ramps: Number) -> list[Placement] | Placement:
+    return [f"room{i % N_ROOMS}" for i in range(check_count_range("n_ramps", n_ramps)[1])] or "uniform"
