@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import mujoco
 import numpy as np
 
-from maax_mjx.physics.mjx_internals import launched_one_by_one
+from maax_mjx.physics.mjx_internals import launched_one_by_one, step_sizes
 
 LINES, FACTOR, HESSIAN, REPAIR = "solver: line search", "solver: factorisation", "solver: Hessian", "solver: repair"
 SOLVER, ROWS, BROAD, SIMPLE = "solver: the rest", "constraint rows", "collision: broad phase", "collision: simple pairs"
@@ -114,11 +115,11 @@ def group_of(kernel: Any) -> str:
 
 
 def _pair_kind(kernel: Any) -> str:
-    from mujoco.mjx.third_party.mujoco_warp import GeomType
-
     found = inspect.getclosurevars(kernel.func).nonlocals
     kinds = [found.get(name) for name in ("geomtype1", "geomtype2")]
-    return " and ".join("any" if kind is None else GeomType(int(kind)).name.lower() for kind in kinds)
+    return " and ".join(
+        "any" if kind is None else mujoco.mjtGeom(int(kind)).name.removeprefix("mjGEOM_").lower() for kind in kinds
+    )
 
 
 @contextmanager
@@ -129,9 +130,8 @@ def recorded() -> Iterator[list[tuple[list[Launch], float, Sizes]]]:
         A list that grows by one entry a step: its launches, microseconds of fills and copies, and sizes.
     """
     import warp
-    from mujoco.mjx.third_party import mujoco_warp
 
-    launch, tiled, loop, step = warp.launch, warp.launch_tiled, warp.capture_while, mujoco_warp.step
+    launch, tiled, loop = warp.launch, warp.launch_tiled, warp.capture_while
     steps: list[tuple[list[Launch], float, Sizes]] = []
     launches: list[Launch] = []
     iteration = -1
@@ -164,7 +164,7 @@ def recorded() -> Iterator[list[tuple[list[Launch], float, Sizes]]]:
         loop(condition, body, *args, **kwargs)
         iteration = -1
 
-    def timed(m: Any, d: Any) -> None:
+    def timed(step: Callable[[Any, Any], None], m: Any, d: Any) -> None:
         launches.clear()
         on_cuda = d.qpos.device.is_cuda
         if on_cuda:
@@ -179,32 +179,11 @@ def recorded() -> Iterator[list[tuple[list[Launch], float, Sizes]]]:
             for one, result in zip(launches, kernels, strict=True):
                 one.us = 1e3 * result.elapsed
             rest = 1e3 * sum(r.elapsed for r in results if r.filter != warp.TIMING_KERNEL)
-        steps.append(([*launches], rest, _sizes(d)))
+        steps.append(([*launches], rest, Sizes(**step_sizes(d))))
 
     warp.launch, warp.launch_tiled, warp.capture_while = noting(launch), noting(tiled), counted
-    mujoco_warp.step = timed
     try:
-        with launched_one_by_one():
+        with launched_one_by_one(timed):
             yield steps
     finally:
-        warp.launch, warp.launch_tiled, warp.capture_while, mujoco_warp.step = launch, tiled, loop, step
-
-
-def _sizes(d: Any) -> Sizes:
-    nefc = d.nefc.numpy()
-    entries = d.efc.J.shape[-1]
-    used = float(entries)
-    if len(d.efc.J_rownnz.shape) > 1 and d.efc.J_rownnz.shape[-1] >= d.njmax:
-        nonzero = d.efc.J_rownnz.numpy()[:, : d.njmax]
-        used = float((nonzero * (np.arange(nonzero.shape[1]) < nefc[:, None])).sum() / len(nefc))
-    return Sizes(
-        worlds=d.nworld,
-        contacts=d.naconmax,
-        pairs=d.naccdmax,
-        rows=d.efc.D.shape[-1],
-        entries=entries,
-        used_contacts=float(min(d.nacon.numpy()[0], d.naconmax)),
-        used_rows=float(nefc.mean()),
-        used_entries=used,
-        iterations=np.array(d.solver_niter.numpy()),  # on a CPU the former is a view of what the next step overwrites
-    )
+        warp.launch, warp.launch_tiled, warp.capture_while = launch, tiled, loop

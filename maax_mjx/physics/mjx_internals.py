@@ -7,7 +7,7 @@ showed what it relies on, and `check_internals` refuses the versions that nobody
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -273,27 +273,59 @@ def repair_hessians() -> None:
 
 
 @contextmanager
-def launched_one_by_one() -> Iterator[None]:
+def launched_one_by_one(around: Callable[[Callable[[Any, Any], None], Any, Any], None]) -> Iterator[None]:
     """Has programs that are traced inside launch Warp's kernels one by one, not as CUDA graphs, to time each.
 
-    MJX makes its calls of Warp by `warp.jax_callable` and keeps them in a registry; seen in MJX 3.17.0.
+    MJX makes its calls of Warp by `warp.jax_callable`, keeps them in a registry, and calls `mujoco_warp.step` in them;
+    seen in MJX 3.17.0.
+
+    Args:
+        around: called in the place of a physics step, with the step and what it takes: Warp's model and data.
     """
     import warp
+    from mujoco.mjx.third_party import mujoco_warp
     from mujoco.mjx.warp import ffi
 
-    made, registry = warp.jax_callable, ffi._JAX_CALLABLE_VARIADIC_TUPLE_REGISTRY
+    made, step, registry = warp.jax_callable, mujoco_warp.step, ffi._JAX_CALLABLE_VARIADIC_TUPLE_REGISTRY
     kept = dict(registry)
 
     def ungraphed(*args: Any, **kwargs: Any) -> Any:
         return made(*args, **{**kwargs, "graph_mode": warp.JaxCallableGraphMode.NONE})
 
+    def watched(m: Any, d: Any) -> None:
+        around(step, m, d)
+
     registry.clear()
     jax.clear_caches()
-    warp.jax_callable = ungraphed
+    warp.jax_callable, mujoco_warp.step = ungraphed, watched
     try:
         yield
     finally:
-        warp.jax_callable = made
+        warp.jax_callable, mujoco_warp.step = made, step
         registry.clear()
         registry.update(kept)
         jax.clear_caches()
+
+
+def step_sizes(d: Any) -> dict[str, Any]:
+    """Reads how much room Warp's data have, and how much of it a step used, as `benchmarks.launches.Sizes` names it.
+
+    Fields `efc`, `nefc`, `nacon`, `naconmax`, `naccdmax`, `njmax` and `solver_niter`, seen in MJX 3.17.0.
+    """
+    rows, entries = d.nefc.numpy(), d.efc.J.shape[-1]
+    used = float(entries)
+    if len(d.efc.J_rownnz.shape) > 1 and d.efc.J_rownnz.shape[-1] >= d.njmax:
+        lengths = d.efc.J_rownnz.numpy()[:, : d.njmax]
+        used = float((lengths * (np.arange(lengths.shape[1]) < rows[:, None])).sum() / len(rows))
+    return {
+        "worlds": d.nworld,
+        "contacts": d.naconmax,
+        "pairs": d.naccdmax,
+        "rows": d.efc.D.shape[-1],
+        "entries": entries,
+        "used_contacts": float(min(d.nacon.numpy()[0], d.naconmax)),
+        "used_rows": float(rows.mean()),
+        "used_entries": used,
+        # On a CPU the former is a view of what the next step overwrites.
+        "iterations": np.array(d.solver_niter.numpy()),
+    }
