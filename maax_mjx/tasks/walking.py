@@ -76,10 +76,16 @@ def next_step(
         here: (2,) metres.
     """
     cell = plan.floor_size / CELLS
-    at = jnp.clip((here / cell).astype(jnp.int32) + AHEAD, 0, CELLS - 1)
-    far = ways(plan, goal, things, room)[at[:, 0], at[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell
-    straight = (jnp.linalg.norm(goal - here) < NEAR * cell) | ~jnp.isfinite(far).any()
-    return jnp.where(straight, goal, (at[jnp.argmin(far)] + 0.5) * cell) - here, straight
+    at, far = _nearest(ways(plan, goal, things, room), (here / cell).astype(jnp.int32), cell)
+    straight = (jnp.linalg.norm(goal - here) < NEAR * cell) | ~jnp.isfinite(far)
+    return jnp.where(straight, goal, (at + 0.5) * cell) - here, straight
+
+
+def _nearest(far: jax.Array, at: jax.Array, cell: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Returns the cell (2,) around another from which it is nearest to where ways lead, and () metres through it."""
+    beside = jnp.clip(at + AHEAD, 0, CELLS - 1)
+    through = far[beside[:, 0], beside[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell
+    return beside[jnp.argmin(through)], through.min()
 
 
 def step_along(far: jax.Array, floor: jax.Array, here: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -94,8 +100,7 @@ def step_along(far: jax.Array, floor: jax.Array, here: jax.Array, goal: jax.Arra
     cell = floor / CELLS
 
     def back(at: jax.Array) -> jax.Array:
-        beside = jnp.clip(at + AHEAD, 0, CELLS - 1)
-        return beside[jnp.argmin(far[beside[:, 0], beside[:, 1]] + np.linalg.norm(AHEAD, axis=1) * cell)]
+        return _nearest(far, at, cell)[0]
 
     def is_on_way(at: jax.Array) -> jax.Array:
         away = far[at[0], at[1]]
