@@ -129,13 +129,13 @@ class Policy(TrainedPolicy):
 
     @staticmethod
     def from_openai(path: str | Path) -> OpenAIPolicy:
-        """Reads a policy that Baker et al. published; it plays hide and seek, and does not learn on.
+        """Reads a policy that Baker et al. published; it plays hide and seek or a transfer task, and does not learn on.
 
         Args:
             path: file of weights, such as "hide_and_seek_full.npz"; nothing in it is unpickled.
 
         Raises:
-            ValueError: another file, or one without the networks of the published hide-and-seek games.
+            ValueError: another file, or one without a network of the published games and tasks.
         """
         return OpenAIPolicy.read(path)
 

@@ -18,7 +18,9 @@ GAMES = {FULL: "hide_and_seek_full", QUADRANT: "hide_and_seek_quadrant"}
 FILTERS, WIDTH, HEADS, HIDDEN, RAYS = 9, 128, 4, 256, 30
 KINDS = ("agent_qpos_qvel", "box_obs", "ramp_obs")
 """Kinds of entities in the order of their dense layers; the agent itself comes last."""
+MAIN, SITES = "main", "construction_site_obs"
 MASKS = ("mask_aa_obs", "mask_ab_obs", "mask_ar_obs")
+MASK_OF = dict(zip((*KINDS, SITES), (*MASKS, "mask_acs_obs_spoof"), strict=True))
 COLUMNS = {
     FULL: {"observation_self": 10, "agent_qpos_qvel": 10, "box_obs": 15, "ramp_obs": 15, "lidar": 1},
     QUADRANT: {"observation_self": 10, "agent_qpos_qvel": 10, "box_obs": 12, "ramp_obs": 9, "lidar": 1},
@@ -50,9 +52,8 @@ def _net_shapes(game, net, kinds):
     def layer_norm(name, n):
         shapes[f"{name}/LayerNorm/beta"] = shapes[f"{name}/LayerNorm/gamma"] = (n,)
 
-    for i, kind in enumerate(kinds):
-        dense(f"dense6-{i}", columns.get(kind, 15) + n_main, WIDTH)
-    dense(f"dense6-{len(kinds)}", n_main, WIDTH)
+    for i, kind in enumerate(_in_order(kinds)):
+        dense(f"dense6-{i}", (0 if kind == MAIN else columns.get(kind, 15)) + n_main, WIDTH)
     dense(f"{EMBED}/qk_embed", WIDTH, 2 * WIDTH)
     dense(f"{EMBED}/v_embed", WIDTH, WIDTH)
     dense(f"{BLOCK}/mlp1", WIDTH, WIDTH)
@@ -66,6 +67,11 @@ def _net_shapes(game, net, kinds):
     if game == FULL:
         layer_norm("layernorm13", HIDDEN)
     return {f"{net}/{name}:0": shape for name, shape in shapes.items()}
+
+
+def _in_order(kinds):
+    """Kinds of entities and the agent itself, in the order of their dense layers."""
+    return kinds if MAIN in kinds else (*kinds, MAIN)
 
 
 def _head_shapes(heads):
@@ -114,7 +120,7 @@ def draw(game, rng, prefix="policy", kinds=KINDS):
     found = {}
     for tower in shapes(game, kinds):
         found |= {name: _trained(rng, name, shape) for name, shape in tower.items()}
-    for key, columns in (COLUMNS[game] | {kind: 15 for kind in kinds if kind not in KINDS}).items():
+    for key, columns in (COLUMNS[game] | {kind: 15 for kind in kinds if kind not in (*KINDS, MAIN)}).items():
         # Rays as they are in small rooms, so that few of them are clipped.
         statistics = _filter(rng, columns, centre=3.0) if key == "lidar" else _filter(rng, columns, n_steady=3)
         found |= {filter_name(key, statistic): x for statistic, x in statistics.items()}
@@ -155,10 +161,12 @@ class Tower:
         game: FULL or QUADRANT.
         arrays: all variables, by full name.
         prefix: what the names begin with.
+        kinds: of entities, in the order of their dense layers.
     """
 
-    def __init__(self, game, arrays, prefix="policy"):
+    def __init__(self, game, arrays, prefix="policy", kinds=KINDS):
         self.game = game
+        self.kinds = _in_order(kinds)
         self.w = {name.removeprefix(f"{prefix}/"): np.float64(x) for name, x in arrays.items()}
 
     def memory(self, n_agents):
@@ -183,11 +191,13 @@ class Tower:
         obs = {name: x if name.startswith("mask") else self._normalised(name, x) for name, x in obs.items()}
         main = np.concatenate([obs["observation_self"], self._circular(obs["lidar"]).ravel()])
         rows, mask = [], []
-        for i, (kind, seen) in enumerate(zip(KINDS, MASKS, strict=True)):
-            for row, is_seen in zip(obs[kind], obs[seen], strict=True):
+        for i, kind in enumerate(self.kinds):
+            if kind == MAIN:
+                myself = _relu(self._dense(f"dense6-{i}", main))
+                continue
+            for row, is_seen in zip(obs[kind], obs[MASK_OF[kind]], strict=True):
                 rows.append(_relu(self._dense(f"dense6-{i}", np.concatenate([main, row]))))
                 mask.append(float(is_seen))
-        myself = _relu(self._dense(f"dense6-{len(KINDS)}", main))
         rows, mask = np.stack([*rows, myself]), np.array([*mask, 1.0])
         rows = self._attention(rows, mask)
         pooled = np.zeros(WIDTH)

@@ -16,17 +16,24 @@ import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.training.openai.policy import TASKS
 
-OTHERS = {"lock_and_return": 1, "sequential_lock": 1, "shelter": 2}
-HIDER = {"lock_and_return": 1, "sequential_lock": 1, "shelter": 0}
-BOXES = {"lock_and_return": 1, "sequential_lock": 4, "shelter": 8}
+OTHERS = {"lock_and_return": 1, "sequential_lock": 1, "shelter": 2, "blueprint": 2}
+HIDER = {"lock_and_return": 1, "sequential_lock": 1, "shelter": 0, "blueprint": 0}
+BOXES = {"lock_and_return": 1, "sequential_lock": 4, "shelter": 8, "blueprint": 8}
+BEFORE_ONESELF = (*oracle.KINDS, oracle.SITES, oracle.MAIN)
+AFTER_ONESELF = (*oracle.KINDS, oracle.MAIN, oracle.SITES)
 
 
 @functools.cache
-def policy(name):
+def arrays(kinds):
+    return oracle.draw(oracle.FULL, seeds.rng(0), kinds=kinds)
+
+
+@functools.cache
+def policy(name, sites=AFTER_ONESELF):
     """Made-up weights of the published names and shapes, in a file of the task's name."""
     with tempfile.TemporaryDirectory() as folder:
-        path = oracle.write(Path(folder) / f"{name}.npz", oracle.draw(oracle.FULL, seeds.rng(0)))
-        return training.Policy.from_openai(path)
+        kinds = sites if name == "blueprint" else oracle.KINDS
+        return training.Policy.from_openai(oracle.write(Path(folder) / f"{name}.npz", arrays(kinds)))
 
 
 @functools.cache
@@ -34,7 +41,7 @@ def env(name):
     return policy(name).make_env(impl="c", horizon=4)
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", [*TASKS, "blueprint"])
 def test_a_published_policy_reads_what_the_published_task_tells(name):
     """The table of the published code's final observations, from a description of it."""
     game = env(name)
@@ -61,11 +68,56 @@ def test_a_published_policy_reads_what_the_published_task_tells(name):
         np.testing.assert_array_equal(read["mask_ar_obs"], [0])
 
 
+def test_construction_sites_are_read():
+    """Middles, then corners at (-,-), (-,+), (+,-) and (+,+) of sites of half a metre; those absent are zeros."""
+    game = env("blueprint")
+    states = jax.jit(jax.vmap(game.reset))(jax.random.split(seeds.key(2), 8))
+    assert len({int(n) for n in np.asarray(states.obs["construction_site_mask"]).sum(axis=(1, 2))}) > 1
+    for world in range(8):
+        obs = {name: np.asarray(x[world]) for name, x in states.obs.items()}
+        read = policy("blueprint").on(game).play.adapter.read(obs)
+        there = obs["construction_site_mask"][0]
+        wanted = np.zeros((4, 15))
+        for i in np.flatnonzero(there):
+            middle = obs["construction_site_pos"][0, i]
+            corners = [middle + np.array([x, y, 0]) for x in (-0.25, 0.25) for y in (-0.25, 0.25)]
+            wanted[i] = np.concatenate([middle, *corners])
+        np.testing.assert_allclose(read["construction_site_obs"][0], wanted, atol=1e-6)
+        np.testing.assert_array_equal(read["mask_acs_obs_spoof"][0], there)
+
+
+@pytest.mark.parametrize("kinds", [BEFORE_ONESELF, AFTER_ONESELF], ids=["before oneself", "after oneself"])
+def test_blueprints_network_attends_to_sites(kinds):
+    """Logits and memories are the oracle's, whichever embedding has which number; sites count."""
+    game = env("blueprint")
+    mine = policy("blueprint", kinds).on(game)
+    obs = {name: np.asarray(x) for name, x in jax.jit(game.reset)(seeds.key(3)).obs.items()}
+    read = jax.device_get(mine.play.adapter.read(obs))
+    network, memory = jax.jit(mine.play.network), mine.memory(1)[0]
+    tower, remembered = oracle.Tower(oracle.FULL, arrays(kinds), kinds=kinds), None
+    for _ in range(2):
+        logits, memory = network(mine.params, read, memory)
+        wanted, remembered = tower.logits(read, remembered or tower.memory(1))
+        for name, x in wanted.items():
+            np.testing.assert_allclose(logits[name], x, rtol=0, atol=1e-5 * np.abs(x).max(), err_msg=name)
+        np.testing.assert_allclose(memory, np.concatenate(remembered, axis=-1), atol=1e-5)
+    moved = read | {"construction_site_obs": read["construction_site_obs"] + read["mask_acs_obs_spoof"][..., None]}
+    other, _ = network(mine.params, moved, memory)
+    same, _ = network(mine.params, read, memory)
+    assert np.abs(np.asarray(other["action_movement"]) - same["action_movement"]).max() > 1e-3
+
+
+def test_blueprints_policy_needs_sites():
+    with pytest.raises(ValueError, match=r"policy: it reads 'construction_site_pos', and env does not have it; takes"):
+        policy("blueprint").on(env("shelter"))
+
+
 @pytest.mark.slow
-def test_it_plays_the_task_of_its_file():
-    game = env("lock_and_return")
+@pytest.mark.parametrize("name", ["lock_and_return", "blueprint"])
+def test_it_plays_the_task_of_its_file(name):
+    game = env(name)
     worlds = maax.Worlds(game, 2)
-    states, kept = worlds.rollout(worlds.reset(seeds.key(0)), policy("lock_and_return"), 3, keep=("action",))
+    states, kept = worlds.rollout(worlds.reset(seeds.key(0)), policy(name), 3, keep=("action",))
     assert kept["action"]["move"].shape == (3, 2, 1, 3)
     assert set(np.unique(kept["action"]["lock"])) <= {0, 1}
     assert game.observation_space.contains(jax.tree.map(lambda x: np.asarray(x)[0], states.obs))

@@ -556,14 +556,18 @@ def test_archives_of_other_kinds_are_refused(kind, tmp_path):
     refused(path)
 
 
-def test_blueprints_policy_is_refused():
-    """Five embeddings: those of construction sites come last, before the agent's own."""
-    kinds = (*oracle.KINDS, "construction_site_obs")
-    with tempfile.TemporaryDirectory() as folder:
-        path = oracle.write(Path(folder) / "blueprint.npz", oracle.draw(FULL, seeds.rng(0), kinds=kinds))
-        told = refused(path)
-    assert "5 embeddings" in told
-    assert "hide_and_seek_full" in told
+def test_other_numbers_of_embeddings_are_refused():
+    """Three, and six: those of agents, boxes, ramps and construction sites, oneself, and of something else."""
+    for kinds, said in (
+        ((*oracle.KINDS, oracle.SITES, "food_obs"), "6 embeddings"),
+        (oracle.KINDS[:2], "3 embeddings"),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            path = oracle.write(Path(folder) / "other.npz", oracle.draw(FULL, seeds.rng(0), kinds=kinds))
+            told = refused(path)
+        assert said in told
+        assert "hide_and_seek_full" in told
+        assert "blueprint" in told
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ import numpy as np
 
 HEADS = 4
 """Heads of the attention; no variable tells it."""
-KINDS = ("agent_qpos_qvel", "box_obs", "ramp_obs")
-MASKS = ("mask_aa_obs", "mask_ab_obs", "mask_ar_obs")
-"""Kinds of entities, in the order of the embeddings, and the masks of what of them is seen."""
+KINDS = ("agent_qpos_qvel", "box_obs", "ramp_obs", "construction_site_obs")
+MASKS = ("mask_aa_obs", "mask_ab_obs", "mask_ar_obs", "mask_acs_obs_spoof")
+"""Kinds of entities, in the order of the embeddings, and the masks of what of them is seen. Sites are blueprint's."""
 CLIP = 5.0
 LEAST_VARIANCE = 1e-2
 LEAST_WEIGHT = 1e-6
@@ -38,7 +38,8 @@ class OpenAINetwork:
 
     Attributes:
         convolution: layer of the lidar's convolution.
-        embedding: layer of the embeddings, one for every kind of entity, and one for the agent itself.
+        embeddings: layers of the embeddings, one for every kind of entity.
+        own_embedding: the layer that embeds the agent itself.
         attention: layer of the attention, with its block.
         chain: layers after the attention, in their order.
         memory_size: numbers that an agent remembers.
@@ -48,13 +49,19 @@ class OpenAINetwork:
     """
 
     convolution: str
-    embedding: str
+    embeddings: tuple[str, ...]
+    own_embedding: str
     attention: str
     chain: tuple[str, ...]
     memory_size: int
     n_bins: int
     widths: tuple[int, ...]
     n_rays: int
+
+    @property
+    def masks(self) -> dict[str, str]:
+        """Kinds of entities, and their masks."""
+        return dict(zip(KINDS[: len(self.embeddings)], MASKS, strict=False))
 
     def __call__(
         self, weights: Weights, obs: Mapping[str, jax.Array], memory: jax.Array
@@ -73,9 +80,10 @@ class OpenAINetwork:
         lidar = _normalised(weights, "lidar", "obsfilter/lidar", obs["lidar"])
         rays = _convolved(weights, f"{NET}/{self.convolution}/conv1d", lidar)
         main = jnp.concatenate([own, rays.reshape(len(rays), -1)], axis=-1)
-        entities = [self._embedded(weights, i, kind, obs[kind], main) for i, kind in enumerate(KINDS)]
-        main = jax.nn.relu(_dense(weights, f"{NET}/{self.embedding}-{len(KINDS)}", main))
-        masks = [obs[mask] for mask in MASKS]
+        layers = zip(self.embeddings, self.masks, strict=True)
+        entities = [self._embedded(weights, layer, kind, obs[kind], main) for layer, kind in layers]
+        main = jax.nn.relu(_dense(weights, f"{NET}/{self.own_embedding}", main))
+        masks = [obs[mask] for mask in self.masks.values()]
         mask = jnp.concatenate([*masks, jnp.ones((len(main), 1))], axis=1)
         x = self._attended(weights, jnp.concatenate([*entities, main[:, None]], axis=1), mask)
         pooled = (x * mask[..., None]).sum(axis=1) / (mask.sum(axis=1, keepdims=True) + POOL_EPSILON)
@@ -90,10 +98,10 @@ class OpenAINetwork:
                 x, memory = _lstm(weights, f"{scope}/rnn/basic_lstm_cell", x, memory)
         return {action: _dense(weights, f"policy_out/{action}/dense", x) for action in ACTIONS}, memory
 
-    def _embedded(self, weights: Weights, i: int, kind: str, x: jax.Array, main: jax.Array) -> jax.Array:
+    def _embedded(self, weights: Weights, layer: str, kind: str, x: jax.Array, main: jax.Array) -> jax.Array:
         x = _normalised(weights, kind, f"obsfilter/{kind}", x)
         around = jnp.broadcast_to(main[:, None], (*x.shape[:2], main.shape[-1]))
-        return jax.nn.relu(_dense(weights, f"{NET}/{self.embedding}-{i}", jnp.concatenate([around, x], axis=-1)))
+        return jax.nn.relu(_dense(weights, f"{NET}/{layer}", jnp.concatenate([around, x], axis=-1)))
 
     def _attended(self, weights: Weights, x: jax.Array, mask: jax.Array) -> jax.Array:
         scope = f"{NET}/{self.attention}"

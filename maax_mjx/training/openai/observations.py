@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from maax_mjx.core.env import Environment
 from maax_mjx.modules.agents import DIAMETER
-from maax_mjx.training.openai.network import ACTIONS, MASKS, OpenAINetwork
+from maax_mjx.training.openai.network import ACTIONS, KINDS, MASKS, OpenAINetwork
 from maax_mjx.wrappers import Lidar
 from maax_mjx.wrappers.wrapper import find
 
@@ -24,8 +24,9 @@ SIZE = ("size x", "size y", "size z")
 LOCK = ("you_lock", "team_lock", "obj_lock")
 PARTS = dict(zip(("move", "grab", "lock"), ACTIONS, strict=True))
 """Actions here, and what they are called there."""
-SIGHT = dict(zip(MASKS, ("sees_agent", "sees_box", "sees_ramp"), strict=True))
-"""Masks there, and what they are called here."""
+SIGHT = dict(zip(MASKS, ("sees_agent", "sees_box", "sees_ramp", "construction_site_mask"), strict=True))
+"""Masks there, and what they are called here; construction sites are always seen."""
+SITES, SIGHT_OF_SITES = KINDS[-1], MASKS[-1]
 TAKES = (
     'takes a hide-and-seek game as published, observations="split", such as policy.make_env(), or a transfer task with '
     "made_up=True"
@@ -70,6 +71,7 @@ class Adapter:
         capped: whether rays here also read that where they meet something further away.
         entities: boxes and ramps.
         told: whether the environment makes up `hider` and `prep_obs`, as the published transfer tasks do.
+        masks: names of the masks that the network reads.
     """
 
     n_agents: int
@@ -77,6 +79,7 @@ class Adapter:
     capped: bool
     entities: tuple[Entities, ...]
     told: bool = False
+    masks: tuple[str, ...] = MASKS[:-1]
 
     def read(self, obs: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         """Returns the published observations by name, (n_agents, ...) each."""
@@ -94,14 +97,23 @@ class Adapter:
             "lidar": jnp.where(lidar >= self.lidar_range if self.capped else lidar == self.lidar_range, NO_HIT, lidar),
         }
         read |= {one.name: one.read(obs) for one in self.entities}
+        if SIGHT_OF_SITES in self.masks:
+            read[SITES] = _sites(obs)
         return {name: jnp.asarray(x, jnp.float32) for name, x in read.items()} | {
-            mask: obs[name].astype(jnp.float32) for mask, name in SIGHT.items()
+            mask: obs[SIGHT[mask]].astype(jnp.float32) for mask in self.masks
         }
 
 
 def _cornered(x: jax.Array) -> jax.Array:
     """Agents' own numbers, with the places of their lower corners."""
     return jnp.concatenate([x[..., :3] - DIAMETER / 2, x[..., 3:]], axis=-1)
+
+
+def _sites(obs: Mapping[str, jax.Array]) -> jax.Array:
+    """Construction sites (n_agents, n, 15): their middles and their four corners, zero for those not in play."""
+    corners = obs["construction_site_corner_pos"]
+    x = jnp.concatenate([obs["construction_site_pos"], corners.reshape(*corners.shape[:-2], -1)], axis=-1)
+    return jnp.where(obs["construction_site_mask"][..., None] > 0, x, 0.0)
 
 
 def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
@@ -111,7 +123,9 @@ def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
         ValueError: an environment that does not observe, or is not acted in, as the published game.
     """
     table, space = env.observed, env.observation_space.spaces
-    for name in ("agent_qpos_qvel_self", "agent_team", "prep_remaining", "lidar", *SIGHT.values()):
+    masks = tuple(network.masks.values())
+    sites = ("construction_site_pos", "construction_site_corner_pos") if SIGHT_OF_SITES in masks else ()
+    for name in ("agent_qpos_qvel_self", "agent_team", "prep_remaining", "lidar", *sites, *(SIGHT[m] for m in masks)):
         if name not in space:
             raise ValueError(f"policy: it reads {name!r}, and env does not have it; {TAKES}")
     if table["agent_qpos_qvel_self"].names() != OWN or "other" not in table["agent_team"].axes:
@@ -125,8 +139,8 @@ def adapter_of(env: Environment, network: OpenAINetwork) -> Adapter:
             f"compress); {TAKES}"
         )
     _check_actions(env, network)
-    box, ramp = (_entities(env, kind, width) for kind, width in zip(("box", "ramp"), network.widths[2:], strict=True))
-    return Adapter(env.n_agents, lidar.range, lidar.capped, (box, ramp), told="prep_obs" in space)
+    box, ramp = (_entities(env, kind, width) for kind, width in zip(("box", "ramp"), network.widths[2:4], strict=True))
+    return Adapter(env.n_agents, lidar.range, lidar.capped, (box, ramp), told="prep_obs" in space, masks=masks)
 
 
 def _entities(env: Environment, kind: str, width: int) -> Entities:

@@ -13,13 +13,14 @@ import numpy as np
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.training.openai.network import OpenAINetwork
-from maax_mjx.training.openai.observations import PARTS, POSE, Adapter, adapter_of
+from maax_mjx.training.openai.observations import PARTS, POSE, SITES, Adapter, adapter_of
 from maax_mjx.training.openai.structure import network_of
 from maax_mjx.training.openai.weights import Arrays, read_weights
 from maax_mjx.training.trained import TrainedPolicy
 
 TASKS = ("lock_and_return", "sequential_lock", "shelter")
-"""Transfer tasks whose published networks have the form of the full game's: files of these names play them."""
+"""Transfer tasks whose published networks have the form of the full game's: files of these names play them. That of
+blueprint is known by its construction sites."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +74,11 @@ class OpenAIPolicy(TrainedPolicy):
     def __init__(self, name: str, weights: Arrays, play: OpenAIPlay):
         self.name, self.params, self.play, self.steps = name, weights, play, 0
         # The quadrant's ramps cannot be locked, so that its policies observe no locks of them.
-        game = "hide_and_seek_quadrant" if play.network.widths[-1] == len(POSE) else "hide_and_seek_full"
+        game = "hide_and_seek_quadrant" if play.network.widths[3] == len(POSE) else "hide_and_seek_full"
         self.game = {"game": game, "config": {"published": True}}
-        if name in TASKS and game == "hide_and_seek_full":
-            self.game = {"game": name, "config": {"made_up": True, "published": True}}
+        sites = SITES in play.network.masks
+        if sites or (name in TASKS and game == "hide_and_seek_full"):
+            self.game = {"game": "blueprint" if sites else name, "config": {"made_up": True, "published": True}}
 
     @classmethod
     def read(cls, path: str | Path) -> OpenAIPolicy:

@@ -45,18 +45,25 @@ def _network_of(weights: Arrays) -> OpenAINetwork:
     (conv,), (attention,), (lstm,) = (_only(layers, kind) for kind in ("circ_conv1d", "self-attention", "lstm"))
     dense = sorted(layers.get("dense", []))
     embedding = sorted(name for number, name in dense if number < attention[0])
-    if len(embedding) != len(KINDS) + 1:
-        raise _unknown(f"{len(embedding)} embeddings, where agents, boxes, ramps and oneself make {len(KINDS) + 1}")
+    if len(embedding) not in (len(KINDS), len(KINDS) + 1):
+        raise _unknown(
+            f"{len(embedding)} embeddings, where agents, boxes, ramps and oneself make {len(KINDS)}, with construction "
+            f"sites {len(KINDS) + 1}"
+        )
     after = sorted([*layers.get("layernorm", []), *[one for one in dense if one[0] > attention[0]], lstm])
     blocks = {key.split("/")[2] for key in weights if key.startswith(f"{NET}/{attention[1]}/")}
-    first = embedding[0].removesuffix("-0")
     own = weights["normalize_self_obs/obsfilter/mean"].shape[0]
     filters = weights[f"{NET}/{conv[1]}/conv1d/kernel"].shape[-1]
-    around = weights[f"{NET}/{first}-{len(KINDS)}/kernel"].shape[0]
-    widths = [weights[f"{NET}/{first}-{i}/kernel"].shape[0] - around for i in range(len(KINDS))]
+    rows = {layer: weights[f"{NET}/{layer}/kernel"].shape[0] for layer in embedding}
+    # What an agent knows of itself is also before every entity's own numbers, so that its own layer has the fewest
+    # rows. It comes before or after that of the construction sites.
+    oneself = min(embedding, key=lambda layer: rows[layer])
+    around = rows.pop(oneself)
+    widths = [n - around for n in rows.values()]
     return OpenAINetwork(
         convolution=conv[1],
-        embedding=first,
+        embeddings=tuple(rows),
+        own_embedding=oneself,
         attention=f"{attention[1]}/{min(blocks)}",
         chain=tuple(name for _, name in after),
         memory_size=weights[f"{NET}/{lstm[1]}/rnn/basic_lstm_cell/kernel"].shape[1] // 2,
@@ -77,14 +84,14 @@ def _expected(network: OpenAINetwork, weights: Arrays) -> Shapes:
         raise _unknown(f"a convolution of {taps} rays, which has no middle")
     own, *each = network.widths
     around = own + network.n_rays * filters
-    size = weights[f"{NET}/{network.embedding}-{len(KINDS)}/kernel"].shape[1]
+    size = weights[f"{NET}/{network.own_embedding}/kernel"].shape[1]
     shapes = _normaliser("self_obs", "obsfilter", own) | _normaliser("lidar", "obsfilter/lidar", 1)
     shapes |= {f"{NET}/{network.convolution}/conv1d/kernel": (taps, 1, filters)}
     shapes |= {f"{NET}/{network.convolution}/conv1d/bias": (filters,)}
-    for i, (kind, width) in enumerate(zip(KINDS, each, strict=True)):
+    for layer, kind, width in zip(network.embeddings, network.masks, each, strict=True):
         shapes |= _normaliser(kind, f"obsfilter/{kind}", width)
-        shapes |= _dense(f"{NET}/{network.embedding}-{i}", around + width, size)
-    shapes |= _dense(f"{NET}/{network.embedding}-{len(KINDS)}", around, size)
+        shapes |= _dense(f"{NET}/{layer}", around + width, size)
+    shapes |= _dense(f"{NET}/{network.own_embedding}", around, size)
     scope = f"{NET}/{network.attention}"
     qkv = f"{scope}/self_attention/qkv_embed"
     shapes |= _dense(f"{qkv}/qk_embed", size, 2 * size) | _dense(f"{qkv}/v_embed", size, size)
@@ -127,6 +134,7 @@ def _only(layers: Mapping[str, list[tuple[int, str]]], kind: str) -> list[tuple[
 
 def _unknown(got: str) -> ValueError:
     return ValueError(
-        f"got one with {got}; takes the policies of hide_and_seek_full, hide_and_seek_quadrant and "
-        "hide_and_seek_policy_phases"
+        f"got one with {got}; takes the published policies: those of hide_and_seek_full and hide_and_seek_quadrant, "
+        "hide_and_seek_quadrant_physics_exploits, the five of hide_and_seek_policy_phases, lock_and_return, "
+        "sequential_lock, blueprint and shelter"
     )
