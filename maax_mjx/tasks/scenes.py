@@ -118,27 +118,27 @@ def over_the_wall(impl: str = "auto") -> Scene:
 
 def lock_and_return(impl: str = "auto") -> Scene:
     """An agent finds its way through six rooms to the box, locks it, and goes back where it began."""
-    return _alone("lock_and_return", walking.lock_and_return, impl, 120)
+    return alone("lock_and_return", walking.lock_and_return, impl, 120)
 
 
 def lock_all(impl: str = "auto") -> Scene:
     """An agent locks both boxes of the quadrant game, the nearer one first."""
-    return _alone("lock_all", walking.lock_and_return, impl, 80)
+    return alone("lock_all", walking.lock_and_return, impl, 80)
 
 
 def lock_order(impl: str = "auto") -> Scene:
     """An agent locks both boxes in their order, in random rooms."""
-    return _alone("lock_order", walking.lock_and_return, impl, 80, scenario="random")
+    return alone("lock_order", walking.lock_and_return, impl, 80, scenario="random")
 
 
 def blueprint(impl: str = "auto") -> Scene:
     """An agent carries boxes to construction sites, and locks them there; by forces, not bins."""
-    return _alone("blueprint", building.blueprint, impl, 150, n_bins=None)
+    return alone("blueprint", building.blueprint, impl, 150, n_bins=None)
 
 
 def sequential_lock(impl: str = "auto") -> Scene:
     """An agent locks four boxes in their order, and gets over walls to them by ramps; by forces, not bins."""
-    return _alone("sequential_lock", climbing.sequential_lock, impl, 120, n_bins=None)
+    return alone("sequential_lock", climbing.sequential_lock, impl, 120, n_bins=None)
 
 
 def shelter(impl: str = "auto", horizon: int = 240) -> Scene:
@@ -148,7 +148,7 @@ def shelter(impl: str = "auto", horizon: int = 240) -> Scene:
         impl: name of the engine.
         horizon: in env steps.
     """
-    return _alone("shelter", sheltering.shelter, impl, horizon, n_bins=None)
+    return alone("shelter", sheltering.shelter, impl, horizon, n_bins=None)
 
 
 def object_counting(impl: str = "auto") -> Scene:
@@ -157,10 +157,10 @@ def object_counting(impl: str = "auto") -> Scene:
     def watch(state: State, env: Environment) -> tuple[jax.Array, dict[str, Any]]:
         return jnp.zeros(3), {}
 
-    return _alone("object_counting", watch, impl, 120)
+    return alone("object_counting", watch, impl, 120)
 
 
-def _alone(game: str, script: scripted.SoloScript, impl: str, horizon: int, **options: Any) -> Scene:
+def alone(game: str, script: scripted.SoloScript, impl: str, horizon: int, **options: Any) -> Scene:
     """A game of one agent that a script plays, up to the step before the last.
 
     Args:

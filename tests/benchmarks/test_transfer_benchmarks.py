@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import seeds
 
 from maax_mjx import training
-from maax_mjx.benchmarks import compare, counting, plots, transfer
+from maax_mjx.benchmarks import compare, counting, plots, published, scripts, transfer
+from maax_mjx.benchmarks import published_oracle as oracle
 from maax_mjx.training import config
 
 STEPS = 1000
@@ -131,3 +133,40 @@ def test_runs_are_compared_over_the_steps_of_all_their_pieces(run, folder):
         run(compare, folder / "bad_cpu.json", **options | {"runs": ()})
     picture = plots.draw(folder / "compare_cpu.json", plots.FIGURES["compare"])
     assert picture.stat().st_size > 10_000
+
+
+def test_worlds_that_begin_otherwise_are_told_apart(run, folder, monkeypatch):
+    """A row for every statistic of the oracle; a few cells further are seen, other numbers of the same kind are not."""
+    theirs, ours = (oracle.starts(seeds.rng(i), oracle.QUADRANT, 500) for i in range(2))
+    for moved in (0.0, 0.3):
+        other = replace(ours, box=ours.box + np.array([moved, 0]))
+        samples = oracle.statistics(other), oracle.statistics(theirs)
+        monkeypatch.setattr(published, "sampled", lambda *case, samples=samples: samples)
+        rows = run(published, folder / f"published_{moved}.json", env=(oracle.QUADRANT,), worlds=500)
+        p = {row["statistic"]: row["p"] for row in rows}
+        assert len(p) == 22
+        changed = {name for name, x in p.items() if x < 1e-4}
+        assert changed == ({"box 0, closed: x", "box 1, closed: x"} if moved else set())
+    with pytest.raises(ValueError, match="worlds: got 700; takes a multiple of 500"):
+        published.Config(worlds=700).check()
+
+
+def test_what_is_solved():
+    """All done in the last step; the end before it; half of the rays stopped."""
+    reward = np.array([[0.0, 0.0, 5.0], [1.0, 0.4, 1.0], [1.0, 1.5, 0.98]])
+    ended = np.zeros((3, 3), bool)
+    assert scripts.solved("lock_and_return", reward, ended).tolist() == [True, False, True]
+    assert scripts.solved("lock_all, quad", reward, ended).tolist() == [True, False, True]
+    ended[1, 1] = True
+    assert scripts.solved("blueprint", reward, ended).tolist() == [False, True, False]
+    rays = np.array([[-0.04, -0.04, -0.05], [-0.02, -0.021, -0.0]])
+    assert scripts.solved("shelter, twice the time", rays, rays > 0).tolist() == [True, False, True]
+
+
+@pytest.mark.slow
+def test_scripts_are_measured_as_they_play(run, folder, fast_programs):
+    """As published, up to the step before the last: here the empty floor, where every script finds its boxes."""
+    (row,) = run(scripts, folder / "scripts.json", tasks=("lock_all, empty",), worlds=4, impl="c")
+    assert row["solved"][0] >= 0.75
+    assert -0.1 < row["first_reward"][0] < 0.5
+    assert row["reward"][0] > 0.7

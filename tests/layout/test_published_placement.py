@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import published_oracle as oracle
 from helpers import seeds
 from helpers.chance import P_MIN
-from helpers.published_oracle import CELL, G
 from scipy import stats
 
 import maax_mjx as maax
+from maax_mjx.benchmarks import published_oracle as oracle
+from maax_mjx.benchmarks.published_oracle import CELL, G
 from maax_mjx.core.generation import draw_layout
 from maax_mjx.layout import Layout
 

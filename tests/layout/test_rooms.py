@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from helpers import seeds
 from helpers.chance import P_MIN
-from helpers.random_walls_oracle import generate, layout_shares, room_areas
 from scipy import ndimage, stats
 
 import maax_mjx as maax
+from maax_mjx.benchmarks.rooms_oracle import generate, layout_shares, room_areas
 from maax_mjx.layout.random_rooms import random_rooms
 
 pytestmark = pytest.mark.slow

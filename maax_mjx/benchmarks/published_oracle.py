@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from helpers import random_walls_oracle as rooms
-from helpers.random_walls_oracle import Wall
+from maax_mjx.benchmarks import rooms_oracle as rooms
+from maax_mjx.benchmarks.rooms_oracle import Wall
 
 G, CELL, TRIES, DOOR, NEAR = 30, 0.2, 10, 2, 3
 QUADRANT, FULL = "hide_and_seek_quadrant", "hide_and_seek_full"
@@ -111,7 +111,9 @@ def doorway(wall: Wall) -> tuple[int, int, int, int]:
     return (wall.line, first, wall.line, last) if wall.axis == 0 else (first, wall.line, last, wall.line)
 
 
-def place(rng: np.random.Generator, blocked: np.ndarray, size: tuple[float, ...], ranges: Ranges):
+def place(
+    rng: np.random.Generator, blocked: np.ndarray, size: tuple[float, ...], ranges: Ranges
+) -> tuple[np.ndarray, np.ndarray] | None:
     """The lowest cell and the lower corner of a thing, which then blocks its cells; None if no place was free."""
     cells = cells_of(size)
     for _ in range(TRIES):
@@ -208,14 +210,15 @@ def starts(rng: np.random.Generator, game: str, n: int) -> Starts:
     """Many worlds of a game."""
     worlds = [draw(rng, game) for _ in range(n)]
     areas = [np.sort(rooms.room_areas(world.walls, G))[:, None].astype(float) for world in worlds]
+    places = {kind: padded([world.places[kind] for world in worlds], most) for kind, most in MOST[game].items()}
     return Starts(
         game,
         np.array([world.closed for world in worlds]),
         padded(areas, 4)[..., 0],
         padded([world.doorways for world in worlds], 3),
-        *(padded([world.places[kind] for world in worlds], most) for kind, most in MOST[game].items()),
-        padded([world.sizes for world in worlds], MOST[game]["box"]),
-        np.array([world.drawn for world in worlds]),
+        **places,
+        sizes=padded([world.sizes for world in worlds], MOST[game]["box"]),
+        drawn=np.array([world.drawn for world in worlds]),
     )
 
 
@@ -226,19 +229,27 @@ def lowest(place: np.ndarray) -> np.ndarray:
 
 def in_doorway(worlds: Starts) -> np.ndarray:
     """(worlds,) bool: something covers a cell of a doorway."""
-    found = np.zeros(len(worlds.closed), bool)
+    found = []
     for place, size in ((worlds.agent, AGENT), (worlds.box, worlds.sizes), (worlds.ramp, RAMP)):
         first = lowest(place)[:, :, None]
         last = first + np.ceil(np.broadcast_to(size, place.shape) / CELL - 1e-3)[:, :, None] - 1
         begins, ends = worlds.doorways[:, None, :, :2], worlds.doorways[:, None, :, 2:]
-        found |= ((first <= ends) & (begins <= last)).all(axis=-1).any(axis=(1, 2))
-    return found
+        shared = np.logical_and(first <= ends, begins <= last)
+        found.append(np.any(np.all(shared, axis=-1), axis=(1, 2)))
+    return np.logical_or.reduce(found)
 
 
 def statistics(worlds: Starts) -> dict[str, np.ndarray]:
     """Samples by name, each with one value per world at most; counts and truths as integers."""
     full, counted = worlds.game == FULL, ~np.isnan(worlds.box[..., 0])
-    out: dict[str, np.ndarray] = {"in a doorway": in_doorway(worlds).astype(int)}
+    there = ~np.isnan(worlds.doorways[..., 0])
+    doors = worlds.doorways[there.any(axis=1)]
+    out: dict[str, np.ndarray] = {
+        "in a doorway": in_doorway(worlds).astype(int),
+        "doors": there.sum(axis=1),
+        "doors: lowest x": np.nanmin(doors[..., 0], axis=1).astype(int),
+        "doors: highest y": np.nanmax(doors[..., 3], axis=1).astype(int),
+    }
     if full:
         out["rooms"] = worlds.n_rooms
         out["boxes"] = counted.sum(axis=1)

@@ -1,7 +1,6 @@
 """Slow, obvious NumPy reference of a random room generator (walls on the lines of a square grid of cells)."""
 
-import sys
-from collections import Counter
+from collections import defaultdict
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -69,9 +68,9 @@ def attempt(rng: np.random.Generator, walls: list[Wall], min_room_size: int) -> 
     return kept[rng.integers(len(kept))] if kept else None
 
 
-def attempt_shares(walls: list[Wall], min_room_size: int) -> Counter[Wall]:
+def attempt_shares(walls: list[Wall], min_room_size: int) -> dict[Wall, float]:
     """Return the probability of every wall that one attempt can build; they sum to that of building any."""
-    shares: Counter[Wall] = Counter()
+    shares: dict[Wall, float] = defaultdict(float)
     for wall1 in walls:
         n = len(places(wall1))
         built = [[between(wall1, wall2, place, walls, min_room_size) for place in places(wall1)] for wall2 in walls]
@@ -87,11 +86,11 @@ def attempt_shares(walls: list[Wall], min_room_size: int) -> Counter[Wall]:
     return shares
 
 
-def layout_shares(n_rooms: int, grid_size: int, min_room_size: int) -> Counter[frozenset[Wall]]:
+def layout_shares(n_rooms: int, grid_size: int, min_room_size: int) -> dict[frozenset[Wall], float]:
     """Return the probability of every set of inner walls (without doors) that a round which succeeds can end with."""
-    layouts: Counter[frozenset[Wall]] = Counter({frozenset(): 1.0})
+    layouts: dict[frozenset[Wall], float] = {frozenset(): 1.0}
     for _ in range(n_rooms - 1):
-        larger: Counter[frozenset[Wall]] = Counter()
+        larger: dict[frozenset[Wall], float] = defaultdict(float)
         for inner, share in layouts.items():
             new = attempt_shares([*outer_walls(grid_size), *inner], min_room_size)
             any_wall = min(sum(new.values()), 1.0)
@@ -100,7 +99,7 @@ def layout_shares(n_rooms: int, grid_size: int, min_room_size: int) -> Counter[f
                 larger[inner | {wall}] += share * succeeds * part / any_wall
         layouts = larger
     total = sum(layouts.values())
-    return Counter({inner: share / total for inner, share in layouts.items()})
+    return {inner: share / total for inner, share in layouts.items()}
 
 
 def place_door(rng: np.random.Generator, wall: Wall, walls: list[Wall], door_size: int) -> Wall | None:
@@ -157,20 +156,5 @@ def room_areas(walls: list[Wall], grid_size: int, open_door_size: int = 0) -> li
         if open_door_size:
             cells[wall.door_start : wall.door_start + open_door_size] = False
     labels, n_rooms = ndimage.label(~blocked)
-    return np.bincount(labels.ravel(), minlength=n_rooms + 1)[1:].tolist()
-
-
-if __name__ == "__main__":
-    n_rooms, seed = (int(text) for text in (sys.argv[1:] + ["4", "0"][len(sys.argv) - 1 :])[:2])
-    rng = np.random.default_rng(seed)
-    draws = [generate(rng, n_rooms) for _ in range(500)]
-    plans = [draw[0] for draw in draws if draw is not None]
-    rooms = [len(room_areas(plan, 30)) for plan in plans]
-    lengths = [wall.end - wall.start for plan in plans for wall in plan]
-    print(f"n_rooms {n_rooms}, seed {seed}: 500 draws, failures (None) {500 - len(plans)}")
-    print(f"mean length {np.mean(lengths):.4f} (std {np.std(lengths):.4f}, n {len(lengths)})")
-    print(f"mean number of rooms {np.mean(rooms):.4f}")
-    print(f"room counts seen {sorted(set(rooms))}, smallest room {min(min(room_areas(p, 30)) for p in plans)}")
-    print(f"components with open doors {sorted({len(room_areas(p, 30, 2)) for p in plans})}")
-    single = [play_round(rng, n_rooms, 30, 6, 2) for _ in range(500)]
-    print(f"of 500 single rounds: wall failures {single.count('wall')}, door failures {single.count('door')}")
+    sizes: list[int] = np.bincount(labels.ravel(), minlength=n_rooms + 1)[1:].tolist()
+    return sizes
