@@ -30,7 +30,10 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
 
     Raises:
         AssertionError: a check fails; the message says which and where.
+        ValueError: no environment.
     """
+    if not isinstance(env, Environment):
+        raise ValueError(f"env: got {env!r}; takes an environment, such as maax.make('tag')")
     keys = jax.random.split(jax.random.key(seed), n_worlds)
     sample = jax.jit(jax.vmap(env.sample_action))
     actions = [jax.device_get(sample(jax.random.split(jax.random.key(seed + 1 + t), n_worlds))) for t in range(n_steps)]

@@ -142,7 +142,7 @@ def fill(
     """
     run = record.run_of(options)
     if rows:
-        tqdm.write(f"{options.out} has {len(rows)} rows, which are not measured again")
+        tqdm.write(f"{options.out} has {len(rows)} rows already, which are not measured again")
     if header:
         tqdm.write(header)
     for case in remaining(cases, rows, options.max_minutes):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -74,6 +75,9 @@ def main(argv: list[str] | None = None) -> None:
             bench(argv[1:])
         else:
             run(argv)
+    except BrokenPipeError:
+        # Whoever read what is printed, such as `head`, has enough. Python would complain once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except MISTAKES as error:
         print(f"maax-mjx: {error}", file=sys.stderr)
         raise SystemExit(2) from None

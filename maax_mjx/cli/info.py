@@ -146,7 +146,7 @@ def of_policy(word: str) -> dict[str, Any]:
         "game": made["game"],
         "fields": made["config"],
         "teams": {name: f"{len(slots)} agents" for name, slots in network.teams},
-        "env steps": f"{policy.steps:,}",
+        "env steps of its last run": f"{policy.steps:,}",
         "parameters": f"{sum(np.size(x) for x in jax.tree.leaves(policy.params)):,}",
         "networks": asdict(network.net),
     }

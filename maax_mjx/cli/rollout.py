@@ -241,9 +241,10 @@ def _result(
 
 
 def _summary(result: Mapping[str, Any]) -> str:
+    agents = f"{result['agents']} agent{'s' * (result['agents'] != 1)}"
     rows = {
         "engine": f"{result['engine']} on {result['device']}",
-        "worlds": f"{result['worlds']:,} ({result['agents']} agents each), {result['policy']}",
+        "worlds": f"{result['worlds']:,} ({agents} each), {result['policy']}",
         "env-steps/s": f"{result['env_steps_per_s']:,}",
         "physics steps/s": f"{result['physics_steps_per_s']:,}",
         "agent-steps/s": f"{result['agent_steps_per_s']:,}",

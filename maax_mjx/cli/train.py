@@ -155,6 +155,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     if env:
         raise ValueError(f"--env.{next(iter(env))}: got it with the folder of a run; takes it with a new run")
     about = Folder(args.game).about()
+    _check_of_the_run(args, about["seed"])
     game, settings = about["game"], about["settings"]
     if game is None:
         raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
@@ -170,6 +171,22 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT},
     )
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
+
+
+def _check_of_the_run(args: Train, seed: int) -> None:
+    """Refuses options that a run has already, where its folder is given.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    given = {
+        "seed": args.seed not in (0, seed),
+        "out": args.out is not None and args.out.resolve() != Path(args.game).resolve(),
+        "from": args.begin_from is not None,
+        "transfer": args.transfer,
+    }
+    for name in (name for name, is_given in given.items() if is_given):
+        raise ValueError(f"--{name}: got it with the folder of a run; takes it with a new run")
 
 
 def _replay(trainer: training.Trainer, run: training.Run) -> None:

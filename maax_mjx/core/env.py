@@ -220,7 +220,11 @@ class Environment(Recorded, ABC):
 
     def __repr__(self) -> str:
         layers = ", ".join(type(layer).__name__ for layer in reversed(self.layers))
-        parts = [f"{self.n_agents} agents", f"modules {', '.join(self.base.modules)}", f"engine {self.base.impl}"]
+        parts = [
+            f"{self.n_agents} agent{'s' * (self.n_agents != 1)}",
+            f"modules {', '.join(self.base.modules)}",
+            f"engine {self.base.impl}",
+        ]
         parts += [f"layers {layers}"] if layers else []
         return f"<{self.made_from or type(self.base).__name__}: {'; '.join(parts)}>"
 

@@ -109,16 +109,18 @@ def _without_place(modules: Iterable[Placed], taken: np.ndarray, cell: float) ->
     without = set()
     for module in modules:
         always = _always(module)
-        sizes_vary = module.sizes_vary or (module.random_yaw and not module.is_round)
+        turns = module.random_yaw and not module.is_round
         for i, (name, fn) in enumerate(zip(module.names, module.placement_fns, strict=True)):
             region = region_of(fn)
-            if region is None or sizes_vary:
+            if region is None or module.sizes_vary:
                 continue
-            cells = np.array(footprint_of(module.extents[i], cell))
+            # However it is turned, it covers a square of its shorter edge.
+            extent = (min(module.largest[i, :2].tolist()),) * 2 if turns else module.extents[i]
+            cells = np.array(footprint_of(extent, cell))
             corners = _free_corners(taken, cells, *region(len(taken), np.float32(cell), cells))
             if not len(corners):
                 without.add(name)
-            elif len(corners) == 1 and always[i]:
+            elif len(corners) == 1 and always[i] and not turns:
                 # In a valid layout it is there, so that nothing else can be.
                 x, y = corners[0]
                 taken[x : x + cells[0], y : y + cells[1]] = True

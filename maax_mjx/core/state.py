@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from maax_mjx.common.checks import check_not_donated, described, is_traced
+from maax_mjx.common.checks import array_words, check_not_donated, described, is_traced
 from maax_mjx.common.observed import AGENT
 from maax_mjx.common.params import DomainParams
 from maax_mjx.layout import World
@@ -120,6 +120,13 @@ def check_returned(hook: str, layer: Any, state: Any) -> State:
             f"{hook}: {type(layer).__name__} returned {described(state)}; takes the state of what it wraps, changed "
             "with state.replace(...)"
         )
+    for name in ("terminated", "truncated"):
+        end = getattr(state, name)
+        if jnp.shape(end) != () or jnp.result_type(end) != jnp.bool_:
+            raise ValueError(
+                f"{name}: {type(layer).__name__} returned {array_words(end)}; takes one bool for the world, such as "
+                "x.any() for agents of whom one ends it"
+            )
     return state
 
 

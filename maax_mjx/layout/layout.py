@@ -114,9 +114,15 @@ class Layout(struct.PyTreeNode):
         except ValueError as error:
             raise ValueError(f"placement_fn of {name}: {error}") from error
         if not is_real_array(weights):
-            raise ValueError(f"placement_fn: got {array_words(weights)} from it; takes an array of weights {(g, g)}")
+            raise ValueError(
+                f"placement_fn of {name}: {_called(placement_fn)} returned {array_words(weights)}; takes an array of "
+                f"weights {(g, g)}"
+            )
         if jnp.shape(weights) != (g, g):
-            raise ValueError(f"placement_fn: returned weights of shape {jnp.shape(weights)}; takes {(g, g)}")
+            raise ValueError(
+                f"placement_fn of {name}: {_called(placement_fn)} returned weights of shape {jnp.shape(weights)}; "
+                f"takes {(g, g)}, a weight for every cell that may be the lower left one of what is placed"
+            )
         free = grid.free(cells)
         best, found = _pick(seed[0], jnp.asarray(weights), free)
         if self.tries is not None:
@@ -145,6 +151,10 @@ def _is_lucky(seed: jax.Array, weights: jax.Array, free: jax.Array, tries: int) 
     share = (weights * free).sum() / jnp.maximum(weights.sum(), 1e-30)
     luck = (hashed(seed, jnp.uint32(LUCK)) >> 8).astype(jnp.float32) / 2**24
     return luck >= (1 - share) ** tries
+
+
+def _called(placement_fn: PlacementFn) -> str:
+    return getattr(placement_fn, "__name__", None) or type(placement_fn).__name__
 
 
 def _pick(seed: jax.Array, weights: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:

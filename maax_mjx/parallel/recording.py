@@ -96,7 +96,7 @@ def read(path: Path, takes: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]
         for name, kind in DESCRIBED.items():
             check_value(name, meta[name], kind)
     except FileNotFoundError:
-        raise ValueError(f"file: got {path}, which is not there; {takes}") from None
+        raise ValueError(f"file: got {str(path)!r}, which is not there; {takes}") from None
     # Damaged bytes make zipfile, zlib and NumPy raise errors of a dozen kinds.
     except Exception as error:
         raise ValueError(f"file: got {path}, which is no saved rollout, or damaged ({error}); {takes}") from None

@@ -47,7 +47,17 @@ from maax_mjx.wrappers.senses import BETWEEN, CONE, FRAMES, Cone, RayCount
 
 @dataclass(frozen=True)
 class LockConfig(Config):
-    """Arguments of `LockObjects`."""
+    """Arguments of `LockObjects`.
+
+    Attributes:
+        objects: kinds of objects that can be locked.
+        lock_type: who may unlock: see `LockObjects`.
+        radius: metres from an agent to the object's box within which it locks.
+        method: "equality" or "joint_range", by which the model holds it.
+        per_object: whether agents choose each object, or all in reach at once.
+        in_vision_only: whether they have to see it.
+        soft: whether it is held with MuJoCo's default softness instead of stiffly.
+    """
 
     objects: tuple[str, ...] = ("box", "ramp")
     lock_type: Annotated[str, OneOf(LOCK_TYPES)] = "team"
@@ -60,7 +70,16 @@ class LockConfig(Config):
 
 @dataclass(frozen=True)
 class GrabConfig(Config):
-    """Arguments of `GrabObjects`."""
+    """Arguments of `GrabObjects`.
+
+    Attributes:
+        objects: kinds of objects that can be held.
+        radius: metres from an agent to the object's box within which it takes hold.
+        exclusive: whether only one agent, the nearest, can hold an object.
+        selective: whether agents choose which object, instead of the nearest.
+        in_vision_only: whether they have to see it.
+        soft: whether it is held with MuJoCo's default softness instead of stiffly.
+    """
 
     objects: tuple[str, ...] = ("box", "ramp")
     radius: Positive = 0.25
@@ -72,7 +91,15 @@ class GrabConfig(Config):
 
 @dataclass(frozen=True)
 class LidarConfig(Config):
-    """Arguments of `Lidar`; `frame=None` is the agent's for observations="ego", else the world's."""
+    """Arguments of `Lidar`.
+
+    Attributes:
+        n_rays: rays of every agent, evenly around it.
+        range: metres; what is further away, and nothing at all, reads this.
+        frame: "world" or "agent", as for `Lidar`; None is the agent's for observations="ego", else the world's.
+        compress: a scale in metres, or None: gives distances as `scale * tanh(distance / scale)`.
+        capped: whether hits beyond the range read the range, instead of how far they are.
+    """
 
     n_rays: RayCount = 30
     range: Positive = 6.0
@@ -83,7 +110,13 @@ class LidarConfig(Config):
 
 @dataclass(frozen=True)
 class RectConfig(Config):
-    """Arguments of `RestrictAgentsRect`."""
+    """Arguments of `RestrictAgentsRect`.
+
+    Attributes:
+        rect: x0, y0, x1, y1 in metres.
+        penalty: that an agent pays in every step outside.
+        penalize_objects_out: whether every agent pays while a box or a ramp is outside, too.
+    """
 
     rect: tuple[float, float, float, float] = (0.1, 0.1, 5.9, 5.9)
     penalty: Positive = 10.0

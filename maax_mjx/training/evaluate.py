@@ -384,7 +384,13 @@ def estimate(values: np.ndarray) -> Estimate:
 
 
 def as_json(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Returns the matches as JSON has them."""
+    """Returns the matches as JSON has them.
+
+    Raises:
+        ValueError: not what `evaluate` returned.
+    """
+    if not isinstance(evaluation, Evaluation):
+        raise ValueError(f"evaluation: got {evaluation!r}; takes what training.evaluate returned")
 
     def plain(x: Any) -> Any:
         if isinstance(x, Estimate):

@@ -159,7 +159,7 @@ class Policy(TrainedPolicy):
             network = _network_of(header["network"])
             weights = _restored(network, data["weights"])
         except FileNotFoundError:
-            raise ValueError(f"path: got {path}, which is not there; {_takes()}") from None
+            raise ValueError(f"path: got {str(path)!r}, which is not there; {_takes()}") from None
         # Damaged bytes make msgpack and JSON raise errors of many kinds.
         except Exception as error:
             raise ValueError(

@@ -89,6 +89,8 @@ def play(
         Stage(env, **{name: True})
     mine = player_of("policy", policy)
     theirs = mine if opponents is None else player_of("opponents", opponents)
+    if opponents is not None and len(env.teams) < 2:
+        raise ValueError(f"opponents: got {opponents!r}, and the game has one team, {[*env.teams]}; takes None there")
     check_host(host)
     server = open_server("play", host, port)
     try:
@@ -339,7 +341,9 @@ class Live:
         self.stop()
 
     def _repr_html_(self) -> str:
+        if self._stopped.is_set():
+            return "stopped"
         return f'<iframe src="{self.url}" width="100%" height="{HEIGHT}" style="border: 1px solid #ddd"></iframe>'
 
     def __repr__(self) -> str:
-        return f"Live({self.url}; .stop() ends it)"
+        return f"Live({self.url}; {'stopped' if self._stopped.is_set() else '.stop() ends it'})"

@@ -102,6 +102,11 @@ def declared_table(env: Environment, who: str, masks: tuple[str, ...] = ("presen
     shapes = {name: sub.shape or () for name, sub in space.items()}
     for name, shape in shapes.items():
         if name not in table:
+            if (dropped := _dropped(env, name)) is not None:
+                raise ValueError(
+                    f"{who}: {name!r} is observed, and {dropped} leaves out how it was declared; begin what its "
+                    "`declared` returns with self.env.declared() | "
+                )
             source, call = _origin(env, name)
             line = declaration(name, shape, env.base.n_agents)
             raise ValueError(
@@ -111,6 +116,15 @@ def declared_table(env: Environment, who: str, masks: tuple[str, ...] = ("presen
     check_shapes(table, shapes, who)
     _check_masks(table, shapes, who, masks)
     return {name: one for name, one in table.items() if name in shapes}
+
+
+def _dropped(env: Environment, name: str) -> str | None:
+    """Returns the class of a wrapper that does not pass on the declaration of an observation; None if there is none."""
+    for layer in env.layers:
+        inner = getattr(layer, "env", None)
+        if inner is not None and name in inner.declared() and name not in layer.declared():
+            return type(layer).__name__
+    return None
 
 
 def _origin(env: Environment, name: str) -> tuple[str, str]:

@@ -218,6 +218,12 @@ class ActionWrapper(Wrapper):
                 f"action: {type(self).__name__} returned {described(inner)}; takes the action of what it wraps, a dict "
                 f"of {sorted(self.env.action_space.spaces)}"
             )
+        for name, space in self.env.action_space.spaces.items():
+            if name in inner and jnp.shape(inner[name]) != space.shape:
+                raise ValueError(
+                    f"action: {type(self).__name__} returned {name!r} of shape {jnp.shape(inner[name])}; takes "
+                    f"{space.shape}, as what it wraps"
+                )
         return self.env.advance(state, inner)
 
 

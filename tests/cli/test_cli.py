@@ -170,7 +170,7 @@ def test_replay(played, kind, capsys):
         (["--tyro-print-completion", "tcsh"], "completion: got 'tcsh'; takes one of ['bash', 'fish', 'zsh']"),
         (["train", "runs/nope"], "game: got runs/nope, where no run is; takes a game, my_game.py:football, or a run"),
         (["rollout", "games/football"], "or a game in a file, my_game.py:football"),
-        (["replay", "nowhere.npz"], "file: got nowhere.npz, which is not there"),
+        (["replay", "nowhere.npz"], "file: got 'nowhere.npz', which is not there"),
         (["replay", "a.npz", "--out=a.txt"], "out: got a.txt"),
         (["info", "tagg"], "env: got 'tagg'"),
         (["bench", "hide"], "bench: got 'hide'"),
@@ -372,7 +372,7 @@ def test_info_of_a_policy(capsys):
     main(["info", "tag/trained", "--json"])
     told, policy = json.loads(capsys.readouterr().out), training.Policy.load("tag/trained")
     assert (told["game"], told["fields"]["n_frames"]) == ("tag", 10)
-    assert told["env steps"] == f"{policy.steps:,}"
+    assert told["env steps of its last run"] == f"{policy.steps:,}"
     assert told["networks"]["core"] == policy.network.net.core == "none"
     with pytest.raises(SystemExit):
         main(["info", "tag/trained", "--env.n_frames", "3"])
@@ -437,3 +437,15 @@ def test_fields_of_configs():
     assert split_overrides(["rollout", "--env.a", "1", "2", "tag"]) == (["rollout", "tag"], {"a": "1,2"})
     values = {"2,6": (2, 6), "0.5": 0.5, "None": None, "none": "none", "half,quad": ("half", "quad"), "(1,)": (1,)}
     assert {text: value_of(text) for text in values} == values
+
+
+@pytest.mark.slow
+def test_who_has_read_enough_is_no_mistake():
+    """As with `| head -1`: nothing is said, and it is no failure."""
+    code = "from maax_mjx.cli import main; import sys; sys.stdin.read(); main(['info', 'tag'])"
+    words = [sys.executable, "-c", code]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        process.stdin.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0

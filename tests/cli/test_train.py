@@ -61,12 +61,16 @@ def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, m
     for words, said in (
         (["train", "tagg"], "got 'tagg'; did you mean 'tag'"),
         (["train", "runs/tag", "--env.n_boxes", "2", "--steps", "64"], "takes it with a new run"),
+        (["train", "runs/tag", "--seed", "4", "--steps", "640"], "--seed: got it with the folder of a run"),
+        (["train", "runs/tag", "--out", "runs/new", "--steps", "640"], "--out: got it with the folder of a run"),
+        (["train", "runs/tag", "--from", "tag/trained", "--steps", "640"], "--from: got it with the folder of a run"),
+        (["train", "runs/tag", "--transfer", "--steps", "640"], "--transfer: got it with the folder of a run"),
         (
             ["train", "tag", "--preset", "laptop", "--out", "runs/tag", "--steps", "640"],
             "env.horizon=8, not its default; takes that run's, or another folder (--out)",
         ),
         (["train", "tag", "--ppo.lr", "-1"], "ppo.lr: got -1"),
-        (["train", "tag", "--from", "runs/none"], "from: got runs/none, which is not there"),
+        (["train", "tag", "--from", "runs/none"], "from: got 'runs/none', which is not there"),
         (
             ["train", "tag", *SMALL, "--out", "runs/new", "--from", "tag/trained"],
             "net.encoder=pool, not flat; net.width=128, not 32; net.hidden=256, not 8; net.share=all, not team; takes",

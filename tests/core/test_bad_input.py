@@ -221,12 +221,16 @@ CONSTRUCTION = {
     "params of nothing": (lambda: DomainParams(3), "ranges: got 3", "takes a dict"),
     "placement of text": (
         lambda: placed("ab"),
-        "placement_fn: got a str from it",
+        "returned a str; takes",
         "takes an array of weights (30, 30)",
     ),
-    "placement of a list": (lambda: placed([[1] * 30] * 30), "placement_fn: got a list from it", "takes an array"),
-    "placement complex": (lambda: placed(np.ones((30, 30), complex)), "placement_fn: got complex128[30, 30]", "takes"),
-    "placement shape": (lambda: placed(np.ones((3, 3))), "placement_fn: returned weights of shape (3, 3)", "(30, 30)"),
+    "placement of a list": (lambda: placed([[1] * 30] * 30), "returned a list; takes", "an array"),
+    "placement complex": (
+        lambda: placed(np.ones((30, 30), complex)),
+        "returned complex128[30, 30]; takes",
+        "placement_fn of",
+    ),
+    "placement shape": (lambda: placed(np.ones((3, 3))), " returned weights of shape (3, 3); takes", "(30, 30)"),
     "devices fraction": (
         lambda: Worlds(standard(), 2, devices=2.5),
         "devices: got 2.5",

@@ -262,9 +262,27 @@ class OneReward(maax.RewardWrapper):
         return state.reward.sum()
 
 
+class FewActions(maax.ActionWrapper):
+    def action(self, state, action):
+        return {"move": action["move"][:2]}
+
+
+class EndsOfAgents(maax.StateWrapper):
+    def observe(self, state):
+        return state.replace(terminated=jnp.ones(4, bool))
+
+
+class EndOfNumbers(maax.StateWrapper):
+    def observe(self, state):
+        return state.replace(truncated=state.data.qpos[0])
+
+
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
+        (FewActions, "action: FewActions returned 'move' of shape (2, 3); takes (4, 3), as what it wraps"),
+        (EndsOfAgents, "terminated: EndsOfAgents returned bool[4]; takes one bool for the world"),
+        (EndOfNumbers, "truncated: EndOfNumbers returned float32[]; takes one bool for the world"),
         (ForgetsObserve, "observe: ForgetsObserve returned None; takes the state of what it wraps"),
         (ForgetsTransition, "transition: ForgetsTransition returned None; takes the state of what it wraps"),
         (ForgetsBegin, "begin: ForgetsBegin returned None; takes the state of what it wraps"),

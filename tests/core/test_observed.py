@@ -163,6 +163,18 @@ def test_an_undeclared_observation_is_refused_with_the_line_that_declares_it(wra
     assert declared == {"fuel": Observed(("agent",))}
 
 
+def test_a_wrapper_that_drops_declarations_is_named():
+    class Forgets(maax.ObservationWrapper):
+        def observation(self, state):
+            return state.obs | {"luck": jnp.zeros(())}
+
+        def declared(self):
+            return {"luck": Observed()}
+
+    with pytest.raises(ValueError, match=r"'\w+' is observed, and Forgets leaves out how it was declared; begin what"):
+        maax.SplitObservations(Forgets(game()))
+
+
 def test_an_undeclared_module_is_named():
     class Wind(maax.Module):
         name = "wind"

@@ -71,6 +71,11 @@ NO_PLACE = "for {}, which has no place in any world"
         ([maax.Boxes(1, CENTRE), maax.Agents(1, CENTRE)], {}, NO_PLACE.format("agent0")),
         ([maax.Boxes((1, 2), CENTRE), maax.Agents(1)], {}, NO_PLACE.format("box1")),
         ([maax.Agents(1, CENTRE)], {"scenario": "quad"}, "got centre_placement " + NO_PLACE.format("agent0")),
+        (
+            [maax.Agents(1), maax.Boxes(1, CENTRE, random_yaw=True)],
+            {"scenario": "quad"},
+            "got centre_placement " + NO_PLACE.format("box0"),
+        ),
         ([maax.Agents(1, maax.at_placement(7, 3))], {}, "got at_placement(7, 3) " + NO_PLACE.format("agent0")),
         ([maax.Agents(1, maax.at_placement(1e30, 3))], {}, "got at_placement(1e+30, 3) " + NO_PLACE.format("agent0")),
         ([maax.Agents(1, maax.at_placement(9, 3))], {"floor_size": (6.0, 8.0)}, NO_PLACE.format("agent0")),

@@ -18,6 +18,11 @@ N, STEPS, HIDDEN = 16, 80, 65
 
 
 @functools.cache
+def test_it_was_not_published():
+    with pytest.raises(ValueError, match="published: got True; object_counting takes False"):
+        maax.make("object_counting", impl="c", published=True)
+
+
 def env():
     return maax.make("object_counting", impl="c", n_boxes=(4, 6), observations="split")
 

@@ -249,5 +249,7 @@ def test_what_is_refused(env):
     ):  # fmt: skip
         with pytest.raises(ValueError, match=f"{argument}: got"):
             maax.play(env, **{argument: value})
+    with pytest.raises(ValueError, match=r"opponents: got 'random', and the game has one team, \['hiders'\]"):
+        maax.play(maax.make("lock_all", impl="c"), opponents="random")
     with pytest.raises(ValueError, match="vision: got True, and env has no LineOfSight"):
         maax.play(maax.make("standard", impl="c"), vision=True)

@@ -1,4 +1,8 @@
-"""Construction from a blueprint, by the published code (`envs/blueprint_construction.py`)."""
+"""Construction from a blueprint, by the published code.
+
+The rewards are of `envs/blueprint_construction.py:53-124`, the sites of `modules/construction_sites.py:38-111`, their
+places of `modules/util.py:96-122`.
+"""
 
 from __future__ import annotations
 

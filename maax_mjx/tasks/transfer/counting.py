@@ -60,7 +60,6 @@ class CountingConfig(BoxesConfig):
     There is no reward: `maax-mjx bench counting` asks what the memory knows. From step 65 on no box is seen, and no ray
     of the lidar meets one.
 
-
     Attributes:
         box_placement: None is a lane for each box.
         floor_size: only as they are.
@@ -86,8 +85,11 @@ def object_counting(config: CountingConfig) -> Environment:
     """Builds the counting task.
 
     Raises:
-        ValueError: more boxes than lanes, another floor, or a config that the world or the wrappers refuse.
+        ValueError: more boxes than lanes, another floor, `published=True`, or a config that the world or the wrappers
+            refuse.
     """
+    if config.published:
+        raise ValueError("published: got True; object_counting takes False, as the paper's task was not published")
     if (config.floor_size, config.grid_size) != (FLOOR, CELLS):
         raise ValueError(
             f"floor_size, grid_size: got {config.floor_size} and {config.grid_size}; object_counting takes {FLOOR} and "

@@ -1,4 +1,8 @@
-"""Lock and return, and sequential lock: boxes to be locked, by the published code (`envs/box_locking.py`)."""
+"""The lock tasks: boxes to be locked, by the published code.
+
+Rewards are `LockObjectsTask`'s (`envs/box_locking.py:24-185`), rooms and places those of its `make_env` (252-384) and,
+for three rooms, of `modules/walls.py:409-461`.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +59,7 @@ class SequentialLockConfig(TransferConfig):
     They and the agent are anywhere in three rooms without doors; a ramp in each leads over its walls.
 
     Attributes:
-        ramp_placement: None is as published, the first ramp in the first room, and so on.
+        ramp_placement: None is as published, the first ramp in the first room, and so on; in other rooms anywhere.
         task: arguments of the reward.
     """
 
@@ -70,8 +74,8 @@ class SequentialLockConfig(TransferConfig):
 
     def completed(self) -> SequentialLockConfig:
         """The same with what was published in place of None."""
-        placement = _one_in_each_room(self.n_ramps) if self.ramp_placement is None else self.ramp_placement
-        return replace(self, ramp_placement=placement)
+        published = _one_in_each_room(self.n_ramps) if self.scenario in ("tri", ("tri",)) else "uniform"
+        return replace(self, ramp_placement=published if self.ramp_placement is None else self.ramp_placement)
 
 
 @dataclass(frozen=True)
@@ -80,8 +84,9 @@ class LockAllConfig(TransferConfig):
 
     But boxes turn about z alone, as in all published configs; the code's own default lets them tip.
 
-    The published scenarios are "quad", "random", "empty" and "tri", with the placements below, and "tri" with
-    `agent_placement="uniform"` and `box_placement="uniform"`.
+    Nor is a box's number observed, as there. The published scenarios are "quad", "random", "empty" and "tri", with the
+    placements below, and "tri" with `agent_placement="uniform"` and `box_placement="uniform"`. Where several are drawn
+    from, all is anywhere.
 
     Attributes:
         agent_placement: where the agent starts; None is as published: in the quadrant, in the centre of an empty floor,
@@ -117,7 +122,9 @@ class LockAllConfig(TransferConfig):
             },
         }
         anywhere = dict.fromkeys(("agent_placement", "box_placement", "ramp_placement"), "uniform")
-        chosen = anywhere | found.get(str(self.scenario), {})
+        scenario = self.scenario if isinstance(self.scenario, str) else "".join(self.scenario[:1])
+        one = isinstance(self.scenario, str) or len(self.scenario) == 1
+        chosen = anywhere | (found.get(scenario, {}) if one else {})
         return replace(self, **{name: value for name, value in chosen.items() if getattr(self, name) is None})
 
 
@@ -154,6 +161,8 @@ def lock_task(config: LockAndReturnConfig | SequentialLockConfig | LockAllConfig
     """
     if not check_count_range("n_boxes", config.n_boxes)[0]:
         raise ValueError(f"n_boxes: got {config.n_boxes}; a lock task takes at least one box to lock in every world")
+    if config.lock is not None and "box" not in config.lock.objects:
+        raise ValueError(f"lock.objects: got {config.lock.objects}; a lock task takes 'box' among them, to be locked")
     env: Environment = LockTask(one_agent(config), **arguments(config.task))
     if config.task.in_order:
         env = LockInOrder(env)

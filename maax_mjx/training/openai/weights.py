@@ -31,7 +31,7 @@ def read_weights(path: str | Path) -> Arrays:
     """
     takes = "takes a policy of openai/multi-agent-emergence-environments, such as hide_and_seek_full.npz"
     if not Path(path).is_file():
-        raise ValueError(f"path: got {path}, which is not there; {takes}")
+        raise ValueError(f"path: got {str(path)!r}, which is not there; {takes}")
     try:
         with np.load(path, allow_pickle=False) as file:
             weights = {_named(key): np.asarray(file[key]) for key in file.files if key != PICKLED and _is_used(key)}
