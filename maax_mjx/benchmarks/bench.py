@@ -17,6 +17,7 @@ from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import Positive, check_fields
 from maax_mjx.common.options import NUMBERS, parsed
 from maax_mjx.common.progress import progress
+from maax_mjx.tasks.registry import check_game
 
 
 @dataclass
@@ -38,6 +39,8 @@ class Options:
             ValueError: naming the option.
         """
         check_fields(self)
+        for name in getattr(self, "env", ()):
+            check_game("env", name)
         if self.out is not None and self.out.is_dir():
             raise ValueError(f"out: got {self.out}, which is a folder; takes a JSON file")
 
@@ -142,7 +145,7 @@ def fill(
     """
     run = record.run_of(options)
     if rows:
-        tqdm.write(f"{options.out} has {len(rows)} rows already, which are not measured again")
+        tqdm.write(f"{options.out} has {len(rows)} of the rows, not measured again")
     if header:
         tqdm.write(header)
     for case in remaining(cases, rows, options.max_minutes):
@@ -161,7 +164,7 @@ def remaining(cases: Iterable[Case], rows: Sequence[Any], max_minutes: float | N
     """
     begun = time.monotonic()
     todo = [case for case in cases if not any(_is_of(row, case) for row in rows)]
-    for i, case in enumerate(progress(todo, "measuring", unit="row", leave=False)):
+    for i, case in enumerate(progress(todo, "measuring", unit="rows", leave=False)):
         if max_minutes is not None and time.monotonic() - begun > 60 * max_minutes:
             tqdm.write(f"stopped after {max_minutes:g} minutes with {len(todo) - i} rows to go; run again to go on")
             return

@@ -142,6 +142,10 @@ def at_placement(x: float, y: float) -> PlacementFn:
 
     There is no place where the object would leave the floor.
 
+    Args:
+        x: metres from the floor's lower left corner.
+        y: likewise.
+
     Raises:
         ValueError: a coordinate that is not positive.
     """

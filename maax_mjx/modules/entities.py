@@ -45,6 +45,7 @@ class Entities(Placed):
         free: whether `make` gives a free joint instead of slides x, y, z and a yaw hinge.
         random_yaw: whether each starts at a uniformly random yaw; otherwise all at 0.
         per_object: whether every entity draws its own values from ranges; otherwise all of a world share one draw.
+        minimum: least number that `count` may have.
     """
 
     rest_depth = 1.08e-4

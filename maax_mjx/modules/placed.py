@@ -45,6 +45,7 @@ class Placed(Module):
         count: number per world, or (low, high).
         placement_fn: one function for all, or a list with one per slot.
         random_yaw: whether each starts at a uniformly random yaw; otherwise all at 0.
+        minimum: least number that `count` may have.
 
     Attributes:
         kind: name of the kind in the singular, such as "box": of the module, of its bodies ("box0"), of its

@@ -22,7 +22,16 @@ DEFAULT = "its default"
 
 
 def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
-    """Makes the game with the preset's fields, of those that it has, and the user's."""
+    """Makes the game with the preset's fields, of those that it has, and the user's.
+
+    Args:
+        game: a name, or an environment, which is returned as it is.
+        config: the settings of a training, whose `env` has fields of games.
+        env: fields of the game by name, which come before those.
+
+    Raises:
+        ValueError: fields with an environment, or what `make` refuses.
+    """
     if not isinstance(game, str):
         if env:
             raise ValueError(f"env: got {sorted(env)} with an environment; takes fields only with a name")

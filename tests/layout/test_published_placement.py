@@ -14,6 +14,7 @@ from scipy import stats
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import published_oracle as oracle
+from maax_mjx.benchmarks.published import doorways
 from maax_mjx.benchmarks.published_oracle import CELL, G
 from maax_mjx.core.generation import draw_layout
 from maax_mjx.layout import Layout
@@ -193,3 +194,15 @@ def test_neither_in_nor_out(mistake):
     for call in (maax.WallScenarios, lambda **own: maax.make("standard", **own)):
         with pytest.raises(ValueError, match=f"in_doorways: got {mistake!r}; takes True or False"):
             call(in_doorways=mistake)
+
+
+def test_doors_of_the_quadrant_are_as_wide_as_published():
+    """0.7 m; 0.1 m less beside a corner, where a piece of one cell does not stand."""
+    env = maax.make("hide_and_seek_quadrant", impl="c", published=True).base
+    plan = drawn(env, 500, lambda layout: layout.plan)
+    doors, begins = plan.doors[plan.door_mask], doorways(plan)[plan.door_mask]
+    is_upright = begins[:, 0] == begins[:, 2]
+    first = np.where(is_upright, begins[:, 1], begins[:, 0])
+    at_an_end = np.where(is_upright, np.isin(first, [1, 13]), np.isin(first, [16, 27]))
+    np.testing.assert_allclose(doors[:, 2], np.where(at_an_end, 0.6, 0.7), atol=1e-5)
+    assert 0.08 < at_an_end.mean() < 0.26
