@@ -39,8 +39,8 @@ class Options:
             ValueError: naming the option.
         """
         check_fields(self)
-        games = getattr(self, "env", None)
-        for name in games if isinstance(games, tuple) else () if games is None else (games,):
+        games = getattr(self, "env", None) or ()
+        for name in (games,) if isinstance(games, str) else games:
             check_game("env", name)
         if self.out is not None and self.out.is_dir():
             raise ValueError(f"out: got {self.out}, which is a folder; takes a JSON file")

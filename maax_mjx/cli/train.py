@@ -144,7 +144,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     """Returns the options and the game's fields, which are those of the run where a folder is given.
 
     Raises:
-        ValueError: neither a game nor the folder of a run, or fields of the game with a folder.
+        ValueError: neither a game nor the folder of a run, or what a run has already with its folder.
     """
     if not is_game(args.game) and "/" in args.game and not (Path(args.game) / RUN).exists():
         raise ValueError(
@@ -152,10 +152,8 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         )
     if is_game(args.game) or not (Path(args.game) / RUN).exists():
         return args, values_of(args.game, env)
-    if env:
-        raise ValueError(f"--env.{next(iter(env))}: got it with the folder of a run; takes it with a new run")
     about = Folder(args.game).about()
-    _check_of_the_run(args, about["seed"])
+    _check_of_the_run(args, env, about["seed"])
     game, settings = about["game"], about["settings"]
     if game is None:
         raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
@@ -173,13 +171,14 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
 
 
-def _check_of_the_run(args: Train, seed: int) -> None:
+def _check_of_the_run(args: Train, env: Mapping[str, str], seed: int) -> None:
     """Refuses options that a run has already, where its folder is given.
 
     Raises:
         ValueError: naming the option.
     """
     given = {
+        **{f"env.{name}": True for name in env},
         "seed": args.seed not in (0, seed),
         "out": args.out is not None and args.out.resolve() != Path(args.game).resolve(),
         "from": args.begin_from is not None,

@@ -11,7 +11,7 @@ from maax_mjx.common.params import DomainParams
 from maax_mjx.common.runtime import quick_on_cpu
 from maax_mjx.core.composition import Composition
 from maax_mjx.core.generation import draw_layout
-from maax_mjx.layout.placement import name_of
+from maax_mjx.layout.layout import name_of
 from maax_mjx.modules import Placed
 
 TOLERATED = 0.01

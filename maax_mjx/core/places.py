@@ -9,7 +9,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from maax_mjx.layout.grid import footprint_of
-from maax_mjx.layout.placement import anchors_of, name_of, region_of, rooms_of, separation_of
+from maax_mjx.layout.layout import name_of
+from maax_mjx.layout.placement import anchors_of, region_of, rooms_of, separation_of
 from maax_mjx.modules import Module, Placed, WallScenarios
 
 ROUNDING = 1e-5

@@ -105,7 +105,7 @@ def check_state(state: Any, wanted: State) -> None:
 
 
 def check_returned(hook: str, layer: Any, state: Any) -> State:
-    """Refuses what is no state, where a user's class forgot to return one.
+    """Refuses what is no state, where a user's class forgot to return one, and ends that are not one bool.
 
     Args:
         hook: name of the method that returned it.
@@ -113,7 +113,7 @@ def check_returned(hook: str, layer: Any, state: Any) -> State:
         state: what it returned.
 
     Raises:
-        ValueError: no State.
+        ValueError: no State, or one whose `terminated` or `truncated` is anything but one bool.
     """
     if not isinstance(state, State):
         raise ValueError(

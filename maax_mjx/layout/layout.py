@@ -115,12 +115,12 @@ class Layout(struct.PyTreeNode):
             raise ValueError(f"placement_fn of {name}: {error}") from error
         if not is_real_array(weights):
             raise ValueError(
-                f"placement_fn of {name}: {_called(placement_fn)} returned {array_words(weights)}; takes an array of "
+                f"placement_fn of {name}: {name_of(placement_fn)} returned {array_words(weights)}; takes an array of "
                 f"weights {(g, g)}"
             )
         if jnp.shape(weights) != (g, g):
             raise ValueError(
-                f"placement_fn of {name}: {_called(placement_fn)} returned weights of shape {jnp.shape(weights)}; "
+                f"placement_fn of {name}: {name_of(placement_fn)} returned weights of shape {jnp.shape(weights)}; "
                 f"takes {(g, g)}, a weight for every cell that may be the lower left one of what is placed"
             )
         free = grid.free(cells)
@@ -153,8 +153,9 @@ def _is_lucky(seed: jax.Array, weights: jax.Array, free: jax.Array, tries: int) 
     return luck >= (1 - share) ** tries
 
 
-def _called(placement_fn: PlacementFn) -> str:
-    return getattr(placement_fn, "__name__", None) or type(placement_fn).__name__
+def name_of(fn: PlacementFn) -> str:
+    """A placement function's name, for messages."""
+    return getattr(fn, "__name__", type(fn).__name__)
 
 
 def _pick(seed: jax.Array, weights: jax.Array, free: jax.Array) -> tuple[jax.Array, jax.Array]:

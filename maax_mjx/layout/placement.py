@@ -17,7 +17,7 @@ import numpy as np
 
 from maax_mjx.common.checks import check_count, check_positive
 from maax_mjx.layout.grid import apart, within
-from maax_mjx.layout.layout import Layout, PlacementFn
+from maax_mjx.layout.layout import Layout, PlacementFn, name_of
 
 ROUNDING = 1e-5
 """Metres that distances may be off by in float32."""
@@ -49,11 +49,6 @@ def separation_of(fn: PlacementFn) -> float:
 def rooms_of(fn: PlacementFn) -> int:
     """How many rooms a world needs for a placement function to read."""
     return getattr(fn, "rooms", 0)
-
-
-def name_of(fn: PlacementFn) -> str:
-    """A placement function's name, for messages."""
-    return getattr(fn, "__name__", type(fn).__name__)
 
 
 FAR = 1e6

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import maax_mjx as maax
-from maax_mjx.layout.layout import Layout
-from maax_mjx.layout.placement import anchors_of, name_of, region_of
+from maax_mjx.layout.layout import Layout, name_of
+from maax_mjx.layout.placement import anchors_of, region_of
 
 MADE = {
     "at": maax.at_placement(1.0, 2.0),

@@ -74,7 +74,7 @@ class SequentialLockConfig(TransferConfig):
 
     def completed(self) -> SequentialLockConfig:
         """The same with what was published in place of None."""
-        published = _one_in_each_room(self.n_ramps) if self.scenario in ("tri", ("tri",)) else "uniform"
+        published = _one_in_each_room(self.n_ramps) if _only(self.scenario) == "tri" else "uniform"
         return replace(self, ramp_placement=published if self.ramp_placement is None else self.ramp_placement)
 
 
@@ -82,9 +82,10 @@ class SequentialLockConfig(TransferConfig):
 class LockAllConfig(TransferConfig):
     """Two boxes to be locked, with what the published code takes where no config says anything.
 
-    But boxes turn about z alone, as in all published configs; the code's own default lets them tip.
+    Two things differ: boxes turn about z alone, as in all published configs (the code's own default lets them tip), and
+    their numbers are not observed.
 
-    Nor is a box's number observed, as there. The published scenarios are "quad", "random", "empty" and "tri", with the
+    The published scenarios are "quad", "random", "empty" and "tri", with the
     placements below, and "tri" with `agent_placement="uniform"` and `box_placement="uniform"`. Where several are drawn
     from, all is anywhere.
 
@@ -122,9 +123,7 @@ class LockAllConfig(TransferConfig):
             },
         }
         anywhere = dict.fromkeys(("agent_placement", "box_placement", "ramp_placement"), "uniform")
-        scenario = self.scenario if isinstance(self.scenario, str) else "".join(self.scenario[:1])
-        one = isinstance(self.scenario, str) or len(self.scenario) == 1
-        chosen = anywhere | (found.get(scenario, {}) if one else {})
+        chosen = anywhere | found.get(_only(self.scenario), {})
         return replace(self, **{name: value for name, value in chosen.items() if getattr(self, name) is None})
 
 
@@ -167,6 +166,12 @@ def lock_task(config: LockAndReturnConfig | SequentialLockConfig | LockAllConfig
     if config.task.in_order:
         env = LockInOrder(env)
     return as_in_hide_and_seek(env, config)
+
+
+def _only(scenario: ScenarioNames) -> str:
+    """Returns the scenario of all worlds; "" where several are drawn from."""
+    names = (scenario,) if isinstance(scenario, str) else scenario
+    return names[0] if len(names) == 1 else ""
 
 
 def _one_in_each_room(n_ramps: Number) -> list[Placement] | Placement:
