@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from typing import Any
 
 import jax
@@ -48,9 +49,14 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
         return env.step(state, action)
 
     jit_reset, jit_step = jax.jit(reset), jax.jit(step)
-    loop = []
+    loop, drawn = [], _generators()
     for i, key in enumerate(keys):
         loop.append(_run(jit_reset, jit_step, key, [_row(a, i) for a in actions], f"world {i}"))
+    if _generators() != drawn:
+        raise AssertionError(
+            "reset or step draws from the generator of NumPy or Python, once, while it is traced: all worlds and steps "
+            "would have the same number; it must come from jax.random with the state's key"
+        )
     for i, states in enumerate(loop):
         _check_states(env, states, f"world {i}")
     for action in actions:
@@ -86,10 +92,10 @@ def _row(tree: Any, i: int) -> Any:
 
 def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any], where: str = "") -> list[State]:
     """Returns the states of a run, each of which has the tree, shapes and dtypes of the first."""
-    states = [reset(key)]
+    states = [_called(where, reset, key)]
     structure: Any = jax.tree.structure(states[0])
     for t, action in enumerate(actions, start=1):
-        states.append(step(states[-1], action))
+        states.append(_called(f"{where}, step {t}", step, states[-1], action))
         if jax.tree.structure(states[-1]) != structure:
             raise AssertionError(f"{where}, step {t}: step changed the tree of the State, so that it cannot be scanned")
         if _shapes(states[-1]) != _shapes(states[0]):
@@ -98,6 +104,20 @@ def _run(reset: Any, step: Any, key: jax.Array, actions: list[Any], where: str =
                 f"state{_changed(states[0], states[-1])}"
             )
     return states
+
+
+def _called(where: str, function: Any, *args: Any) -> Any:
+    """Calls reset or step, which refuse states and rewards of a wrong form themselves."""
+    try:
+        return function(*args)
+    except ValueError as error:
+        raise AssertionError(f"{where}: {error}" if where else str(error)) from error
+
+
+def _generators() -> tuple[bytes, Any]:
+    """The states of the generators that do not belong to JAX."""
+    _, keys, position, *_ = np.random.get_state()  # noqa: NPY002 (it is only looked at)
+    return np.asarray(keys).tobytes() + bytes(str(position), "ascii"), random.getstate()
 
 
 def _shapes(state: State) -> list[tuple[Any, ...]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import tyro
 
@@ -23,7 +24,7 @@ class Evaluate:
     close_door, tag, capture_the_flag, lock_and_return, sequential_lock, blueprint, shelter.
     """
 
-    policy: tyro.conf.Positional[str]
+    policy: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="POLICY")]]
     """A policy: its file, the folder of a run, or the name of one that comes with the package, quadrant/forts."""
     against: tuple[str, ...] = ("random",)
     """Opponents: self, files, names such as quadrant/chase, folders, a run's past as in runs/x@50M, or scripts."""

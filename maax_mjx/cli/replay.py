@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import tyro
@@ -23,7 +23,7 @@ KINDS = (".html", ".mp4", ".gif", ".png")
 class Replay:
     """Makes a page (.html), a film (.mp4, .gif) or a picture of the last moment (.png) of a saved rollout."""
 
-    file: tyro.conf.Positional[Path]
+    file: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FILE")]]
     """The rollout.npz that maax-mjx rollout wrote, or a fault of --keep-faults, faults/0.npz."""
     out: Path | None = None
     """File to write, whose ending decides the kind; by default the input's name with .html."""
@@ -65,7 +65,7 @@ def replay(args: Replay) -> None:
         )
     make_folder(out.parent)
     senses: Any = {"vision": args.vision, "lidar": args.lidar}
-    with whole(out) as part:
+    with whole(out, "out") as part:
         if kind == ".html":
             maax.replay(env, recording, part, worlds=worlds, speed=args.speed, **senses)
         elif kind == ".png":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -204,18 +205,20 @@ def _write(
     save(out / "rollout.npz", args.env, overrides, recording)
     with whole(out / "world.xml") as part:
         part.write_text(maax.to_mjcf(env, states, world=0))
-    with whole(out / "worlds.png") as part:
-        contact_sheet(env, first, part, [f"world {i}" for i in range(len(first))])
-    written = ["worlds.png", "rollout.npz", "world.xml"]
-    try:
-        with whole(out / "replay.html") as part:
-            maax.replay(env, recording, part)
-        written.append("replay.html")
-    except maax.MissingLibraryError as error:
-        tqdm.write(f"no replay.html: {error}")
-    with whole(out / "rollout.gif") as part:
-        maax.video(env, recording, part, worlds=0)
-    return [str(out / name) for name in [*written, "rollout.gif"]]
+    pictures: dict[str, Callable[[Path], Any]] = {
+        "worlds.png": lambda path: contact_sheet(env, first, path, [f"world {i}" for i in range(len(first))]),
+        "replay.html": lambda path: maax.replay(env, recording, path),
+        "rollout.gif": lambda path: maax.video(env, recording, path, worlds=0),
+    }
+    written = ["rollout.npz", "world.xml"]
+    for name, draw in pictures.items():
+        try:
+            with whole(out / name) as part:
+                draw(part)
+            written.append(name)
+        except (maax.MissingLibraryError, ValueError) as error:  # also of marks of one's own
+            tqdm.write(f"no {name}: {error}", file=sys.stderr)
+    return [str(out / name) for name in written]
 
 
 def _result(

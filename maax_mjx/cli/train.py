@@ -47,10 +47,11 @@ class Train:
     one), past/, saves/, learner/, and replay.html (with the extra "viewer").
     """
 
-    game: tyro.conf.Positional[str]
+    game: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="GAME")]]
     """Name of a game, one in a file of your own, my_game.py:football, or the folder of a run to go on with."""
     preset: names(training.PRESETS) | None = None  # type: ignore[valid-type]
-    """Settings to start from, which `maax-mjx info PRESET` lists; by default "laptop" on a CPU and "gpu" elsewhere."""
+    """Settings to start from, which `maax-mjx info PRESET` lists; by default the run's, or "laptop" on a CPU and "gpu"
+    elsewhere."""
     worlds: PositiveCount | None = None
     """Number of worlds on all devices together; by default the preset's."""
     minutes: Positive | None = None
@@ -98,7 +99,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
         trainer = training.Trainer(
             args.game,
             args.out or Path("runs") / short_name(args.game),
-            args.preset or default_preset(),
+            args.preset,
             args.worlds,
             devices=int(args.devices) if args.devices.isdigit() else args.devices,
             seed=args.seed,
@@ -135,18 +136,14 @@ def train(args: Train, env: Mapping[str, str]) -> None:
         raise KeyboardInterrupt
 
 
-def default_preset() -> str:
-    """The preset for this machine."""
-    return "laptop" if jax.default_backend() == "cpu" else "gpu"
-
-
 def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]]:
     """Returns the options and the game's fields, which are those of the run where a folder is given.
 
     Raises:
         ValueError: neither a game nor the folder of a run, or what a run has already with its folder.
     """
-    if not is_game(args.game) and "/" in args.game and not (Path(args.game) / RUN).exists():
+    is_folder = "/" in args.game or Path(args.game).is_dir()
+    if not is_game(args.game) and is_folder and not (Path(args.game) / RUN).exists():
         raise ValueError(
             f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder"
         )
@@ -200,6 +197,8 @@ def _replay(trainer: training.Trainer, run: training.Run) -> None:
             maax.replay(env, recording, part)
     except maax.MissingLibraryError:
         return
+    except ValueError as error:  # of marks of one's own; the run is saved, and its result still to be told
+        print(f"maax-mjx: no {REPLAY}: {error}", file=sys.stderr)
 
 
 def _result(

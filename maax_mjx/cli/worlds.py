@@ -100,7 +100,7 @@ def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
         if why := blame(env.base, *jax.device_get((states.world.valid, states.params))):
             blamed.append(f"{placement}: {why}")
     titles = [_title(args, state.world, placement) for _, state, placement in drawn]
-    with whole(args.out) as part:
+    with whole(args.out, "out") as part:
         contact_sheet([env for env, *_ in drawn], [state for _, state, _ in drawn], part, titles)
     invalid = sum(not state.world.valid for _, state, _ in drawn)
     result = {"file": str(args.out), "worlds": len(drawn), "invalid": invalid, "blamed": blamed}

@@ -70,10 +70,10 @@ class Placed(Module):
         minimum: int = 0,
     ):
         kind = getattr(self, "kind", None)
-        if not isinstance(kind, str) or not kind or kind in RESERVED:
+        if not isinstance(kind, str) or not kind.isidentifier() or kind in RESERVED:
             raise ValueError(
-                f"kind: {type(self).__name__} has {kind!r}; takes a text such as 'table', in the class: what one of "
-                f"its objects is called; {list(RESERVED)} name other axes"
+                f"kind: {type(self).__name__} has {kind!r}; takes a Python identifier such as 'table', in the "
+                f"class: what one of its objects is called; {list(RESERVED)} name other axes"
             )
         self.name = self.kind
         self.count_name = self.count_name or f"n_{self.kind}s"

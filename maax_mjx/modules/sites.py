@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from maax_mjx.common.checks import check_positive
+from maax_mjx.common.checks import check_positive, check_range
 from maax_mjx.common.observed import POSITION, Observed
 from maax_mjx.common.params import DomainParams, Parameter
 from maax_mjx.layout import Layout, PlacementFn, World, uniform_placement
@@ -45,8 +45,14 @@ class Sites(Placed):
         height: float,
     ):
         super().__init__(count, placement_fn)
+        rgba = np.asarray(getattr(self, "rgba", ()), float)
+        if rgba.shape != (4,):
+            got = getattr(self, "rgba", "none")
+            raise ValueError(f"rgba: {type(self).__name__} has {got!r}; takes four numbers in [0, 1], in the class")
         self.extent = np.asarray(extent, np.float32)
-        self.site_height = height
+        if self.extent.shape != (3,) or not (self.extent > 0).all():
+            raise ValueError(f"extent: got {extent!r}; takes three positive numbers, in metres")
+        self.site_height = check_range("height", (height, height), -np.inf)[0]
 
     def spec_step(self, spec: mujoco.MjSpec) -> None:
         for name in self.names:

@@ -61,6 +61,8 @@ class Checkpoints:
         keep = check_count("keep", keep, minimum=1)
         if not isinstance(folder, str | Path):
             raise ValueError(f"folder: got {folder!r}; takes a path")
+        if Path(folder).exists() and not Path(folder).is_dir():
+            raise ValueError(f"folder: got {str(folder)!r}, which is a file; takes a folder, or a new one")
         # Not in the background: on a CPU the next step would write into the memory that is being saved.
         options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
         self.folder = Path(folder).absolute()

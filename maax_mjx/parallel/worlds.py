@@ -15,7 +15,7 @@ import numpy as np
 
 from maax_mjx.common.checks import check_bool, check_count, check_key, check_not_donated, described, is_traced
 from maax_mjx.common.params import DomainParams, check_params
-from maax_mjx.common.runtime import is_out_of_memory, quick_on_cpu
+from maax_mjx.common.runtime import is_out_of_memory, no_collection, quick_on_cpu
 from maax_mjx.common.spaces import check_action
 from maax_mjx.core.blame import blame
 from maax_mjx.core.env import Environment, check_environment
@@ -331,11 +331,19 @@ class Worlds:
 
     def run(self, program: Callable, *args: Any) -> Any:
         """Runs a compiled program; its first run is waited for, since accelerators report a lack of memory late."""
+        if program in self._ran:
+            return self._run(program, *args)
+        with no_collection():
+            results = self._run(program, *args)
+        if not is_traced(results):
+            self._ran.add(program)
+        return results
+
+    def _run(self, program: Callable, *args: Any) -> Any:
         try:
             results = program(*args)
             if program not in self._ran and not is_traced(results):
                 jax.block_until_ready(results)
-                self._ran.add(program)
             return results
         except jax.errors.JaxRuntimeError as error:
             if not is_out_of_memory(error):

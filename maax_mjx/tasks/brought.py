@@ -36,11 +36,11 @@ def short_name(name: str) -> str:
 
 
 def is_same_game(name: str, other: str) -> bool:
-    """Whether two names are of one game: the same, or of one file, however its path is written."""
+    """Whether two names are of one game: the same, or of files of one name, which may lie in other folders by now."""
     if not (is_in_a_file(name) and is_in_a_file(other)):
         return name == other
     (path, _, short), (path_too, _, short_too) = name.rpartition(":"), other.rpartition(":")
-    return short == short_too and Path(path).resolve() == Path(path_too).resolve()
+    return short == short_too and Path(path).name == Path(path_too).name
 
 
 def module_of(name: str) -> ModuleType:

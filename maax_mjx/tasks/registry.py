@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -179,7 +179,10 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
     defaults = config_of(name)
     if config is not None and not isinstance(config, type(defaults)):
         got = f"the class {config.__name__}" if isinstance(config, type) else type(config).__name__
-        raise ValueError(f"config: got {got}; takes a {type(defaults).__name__} for {name!r}")
+        raise ValueError(
+            f"config: got {got}; takes a {type(defaults).__name__} for {name!r}, or fields by name: "
+            f"make({name!r}, {fields(defaults)[0].name}=...)"
+        )
     config = override(defaults if config is None else config, overrides, f"make({name!r})")
     check_fields(config)
     env = _task(name).build(config)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
+from maax_mjx.common.checks import described
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import field_names
 from maax_mjx.training.config import TrainConfig, VisitedConfig
-from maax_mjx.training.folder import Folder
+from maax_mjx.training.folder import RUN, Folder
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
 from maax_mjx.training.transfer import transferred
@@ -32,12 +34,21 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     Raises:
         ValueError: fields with an environment, or what `make` refuses.
     """
+    if env is not None and not isinstance(env, Mapping):
+        raise ValueError(f"env: got {described(env)}; takes a dict of the game's fields, such as {{'horizon': 80}}")
     if not isinstance(game, str):
         if env:
             raise ValueError(f"env: got {sorted(env)} with an environment; takes fields only with a name")
         return check_environment(game)
     known = field_names(config_of(game))
     return make(game, **({name: value for name, value in config.env.items() if name in known} | dict(env or {})))
+
+
+def preset_in(folder: str | Path) -> str:
+    """Returns the preset of the run in a folder; where none is, the one for this machine."""
+    if isinstance(folder, str | Path) and (Path(folder) / RUN).exists():
+        return Folder(folder).about()["preset"]
+    return "laptop" if jax.default_backend() == "cpu" else "gpu"
 
 
 def taken_over(policy: Any, network: Network, key: jax.Array, *, transfer: bool = False) -> Weights:
@@ -84,8 +95,10 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
     was, about = _any_engine(folder.about()), _any_engine(about)
     for name in ("game", "columns", "net", "seed"):
         if was.get(name) != about[name]:
+            # Presets differ in five settings of the networks, none of which anybody gave.
+            other = "preset" if name == "net" and was.get("preset") != about["preset"] else name
             raise ValueError(
-                f"folder: got {folder.path}, which has a run with {_other(name, was.get(name), about[name])}; takes "
+                f"folder: got {folder.path}, which has a run with {_other(other, was.get(other), about[other])}; takes "
                 "that run's, or another folder (--out)"
             )
 

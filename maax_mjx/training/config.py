@@ -215,8 +215,8 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
         raise ValueError(f"worlds: got {config.worlds}; takes a multiple of the number of devices, {n_devices}")
     if rows % each:
         raise ValueError(
-            f"ppo.minibatches: got {ppo.minibatches} with {ppo.microbatches} microbatches on {n_devices} devices; "
-            f"takes numbers whose product divides the {rows} chunks of an iteration, {config.worlds} worlds of "
-            f"{ppo.unroll // ppo.chunk}"
+            f"worlds: got {config.worlds} with {ppo.minibatches} minibatches of {ppo.microbatches} microbatches on "
+            f"{n_devices} devices, into which the {rows} chunks of an iteration do not go; takes a multiple of "
+            f"{each // gcd(each, ppo.unroll // ppo.chunk)}, or another ppo.minibatches"
         )
     return n_devices * gcd(64 // gcd(64, n_devices), rows // each, config.worlds // n_devices)

@@ -186,6 +186,8 @@ def evaluate(
     episodes = check_count("episodes", episodes, minimum=2)
     if isinstance(against, str | Path | TrainedPolicy):
         raise ValueError(f"against: got {described(against)}; takes a list, such as ['random']")
+    if not against:
+        raise ValueError("against: got none; takes at least one opponent, such as 'random'")
     if env is None:
         if isinstance(policy, str) and policy in SCRIPTED:
             raise ValueError(f"env: got None with the scripted {policy!r}; takes an environment")

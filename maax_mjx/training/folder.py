@@ -17,6 +17,7 @@ from typing import Any, TypeVar, cast
 import jax
 import numpy as np
 
+from maax_mjx.common.claim import Claim
 from maax_mjx.common.whole import whole
 from maax_mjx.parallel.processes import together
 from maax_mjx.training.board import Board
@@ -28,6 +29,8 @@ RUN, METRICS, POLICY, PAST, CURVES, SAVES, SMALL, BOARD = (
     "run.json", "metrics.jsonl", "policy", "past", "curves.png", "saves", "learner", "tensorboard"
 )  # fmt: skip
 Writes = TypeVar("Writes", bound=Callable[..., None])
+LOCK = ".lock"
+"""Held by the process that trains."""
 PART = 12_000_000
 """Bytes of a file of a small save, at most, unless one array is larger."""
 
@@ -58,6 +61,7 @@ class Folder:
     def __init__(self, path: str | Path, tensorboard: bool = False):
         self.path = Path(path).absolute()
         self._drawing: Thread | None = None
+        self._claim = Claim(self.path / LOCK)
         self._board = Board(self.path / BOARD) if tensorboard and jax.process_index() == 0 else None
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -68,6 +72,26 @@ class Folder:
             raise ValueError(f"folder: got {path}, which has other files; takes an empty one, a new one, or a run's")
         # Before the first process writes what the others look for.
         together("folder")
+
+    @by_the_first
+    def claim(self) -> None:
+        """Keeps other processes from training here until `close`.
+
+        Raises:
+            ValueError: another process trains here now, or nothing can be written here.
+        """
+        try:
+            free = self._claim.take()
+        except OSError as error:
+            raise ValueError(
+                f"folder: got {self.path}, where nothing can be written ({error.strerror}); takes another folder "
+                "(--out)"
+            ) from None
+        if not free:
+            raise ValueError(
+                f"folder: got {self.path}, where another process trains now; takes another folder (--out), or this one "
+                "once that has ended"
+            )
 
     def about(self) -> dict[str, Any]:
         """Reads what the run trains.
@@ -112,9 +136,10 @@ class Folder:
             self._drawing.join()
 
     def close(self) -> None:
-        """Waits until everything is written."""
+        """Waits until everything is written, and lets other processes train here."""
         if self._board:
             self._board.close()
+        self._claim.give_up()
 
     @by_the_first
     def keep(self, policy: Policy) -> None:

@@ -15,6 +15,8 @@ from maax_mjx.common.checks import check_choice
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
+from maax_mjx.tasks import config_of
+from maax_mjx.tasks.config import field_names
 from maax_mjx.training.policy import check_trained
 from maax_mjx.training.trained import TrainedPolicy
 from maax_mjx.wrappers.grabs.rules import NOTHING
@@ -148,6 +150,10 @@ def intervened(policy: TrainedPolicy, name: str, **overrides: Any) -> Environmen
         ValueError: an unknown name, or a policy of another game.
     """
     side, wrap = INTERVENTIONS[check_choice("name", name, INTERVENTIONS)]
+    game = check_trained(policy).game
+    if game is None or "tools" not in field_names(config_of(game["game"])):
+        got = "an environment of one's own" if game is None else game["game"]
+        raise ValueError(f"name: got {name!r} for a policy of {got}; takes a policy of a game with the field 'tools'")
     fields: dict[str, Any] = {"tools": True, **overrides}
     if name == "no_ramps":
         made = check_trained(policy).make_env(**overrides).made_from

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import jax
 import jax.numpy as jnp
@@ -104,8 +105,14 @@ class Policy(TrainedPolicy):
         try:
             check_fits(self.network, other)
         except ValueError as error:
-            own = f"; policy.make_env() makes its own, {self.game['game']}" if self.game else ""
-            raise ValueError(f"{error}{own}") from None
+            if self.game is None:
+                raise
+            made, learnt = env.made_from, self.game["game"]
+            here = f" plays {made.name}" if made and made.name != learnt else ""
+            raise ValueError(
+                f"policy: got one that learnt {learnt}, and env{here or ' observes or acts otherwise'}: "
+                f"{str(error).removeprefix('policy: ')}; policy.make_env() makes its own"
+            ) from None
         return Policy(other, self.params, self.game, self.steps, self.play.deterministic)
 
     def save(self, path: str | Path, small: bool = False) -> None:
@@ -123,7 +130,8 @@ class Policy(TrainedPolicy):
             # Moments stay as they are: variances are small differences of them.
             half = jax.tree.map(lambda x: x.astype(np.float16), host.actor)
             host = host.replace(actor=half, critic={})
-        data = {"header": json.dumps(header), "weights": serialization.to_state_dict(host)}
+        data: dict[str, Any] = {"header": json.dumps(header), "weights": serialization.to_state_dict(host)}
+        data["sum"] = _sum(data)
         with whole(Path(path)) as part:
             part.write_bytes(serialization.msgpack_serialize(data))
 
@@ -149,6 +157,8 @@ class Policy(TrainedPolicy):
         Raises:
             ValueError: no such file, another one, or a damaged one.
         """
+        if not isinstance(path, str | Path):
+            raise ValueError(f"path: got {described(path)}; {_takes()}")
         path = file_of(Path(path))
         path = path / "policy" if path.is_dir() else path
         try:
@@ -156,10 +166,14 @@ class Policy(TrainedPolicy):
             header = json.loads(data["header"])
             if header["magic"] != MAGIC:
                 raise ValueError("another kind of file")
+            # Files of before there were sums have none.
+            if data.get("sum", _sum(data)) != _sum(data):
+                raise ValueError("its bytes are not those that were written")
             network = _network_of(header["network"])
             weights = _restored(network, data["weights"])
         except FileNotFoundError:
-            raise ValueError(f"path: got {str(path)!r}, which is not there; {_takes()}") from None
+            past = "" if "@" not in str(path) else ", and past policies are for evaluate, or files in the run's past/"
+            raise ValueError(f"path: got {str(path)!r}, which is not there{past}; {_takes()}") from None
         # Damaged bytes make msgpack and JSON raise errors of many kinds.
         except Exception as error:
             raise ValueError(
@@ -168,6 +182,11 @@ class Policy(TrainedPolicy):
         if header["format"] != FORMAT:
             raise ValueError(f"path: got {path} of format {header['format']}; takes format {FORMAT}")
         return cls(network, weights, header["game"], header["steps"])
+
+
+def _sum(data: Mapping[str, Any]) -> int:
+    """Returns the checksum of what a file has."""
+    return crc32(serialization.msgpack_serialize({name: data[name] for name in ("header", "weights")}))
 
 
 def _takes() -> str:

@@ -20,11 +20,11 @@ from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
-from maax_mjx.training.begin import check_same, check_same_visited, environment_of, taken_over
+from maax_mjx.training.begin import check_same, check_same_visited, environment_of, preset_in, taken_over
 from maax_mjx.training.collect import Remembered
 from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
-from maax_mjx.training.folder import SAVES, Folder, settings_of
+from maax_mjx.training.folder import POLICY, SAVES, Folder, settings_of
 from maax_mjx.training.league import League
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
@@ -77,7 +77,7 @@ class Trainer:
         self,
         game: str | Environment,
         folder: str | Path,
-        preset: str = "gpu",
+        preset: str | None = None,
         worlds: int | None = None,
         devices: Devices = "all",
         seed: int = 0,
@@ -87,6 +87,7 @@ class Trainer:
         transfer: bool = False,
         **overrides: Any,
     ):
+        preset = preset or preset_in(folder)
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
         seed = check_count("seed", seed, maximum=LONG)
         self.env = environment_of(game, self.config, env)
@@ -113,6 +114,7 @@ class Trainer:
         self.memory: Any = None
         # After all that is refused, so that a refusal leaves no folder behind.
         self.folder = Folder(folder, self.config.tensorboard)
+        self.folder.claim()
         settings = settings_of(self.config)
         about = {
             "game": game_of(self.env),
@@ -159,6 +161,7 @@ class Trainer:
     ) -> Run:
         """Trains until the minutes or the steps are over, and saves; the arguments are those of `train`."""
         check_end(minutes, steps, on_iteration)
+        self.folder.claim()
         if steps is None or self.steps < steps:
             jax.block_until_ready(self.states)  # drawn before the clock starts
         progress, over, begun, drawn = None, False, self.seconds, 0.0
@@ -206,6 +209,8 @@ class Trainer:
         self.iteration += 1
         self.steps += (taken := self.config.worlds * self.config.ppo.unroll)
         metrics = {name: float(x) for name, x in jax.device_get(given).items()}
+        # The teams in the game's order; JAX sorts names.
+        metrics |= {name: metrics.pop(name) for team in self.env.teams if (name := f"return_{team}") in metrics}
         # From iteration to iteration, so that saves and curves count.
         spent = time.perf_counter() - self._since
         self._since += spent
@@ -269,6 +274,12 @@ class Trainer:
         elif small is not None:
             self.learner, numbers = small
             self.iteration, self.steps, self.seconds = (numbers[x] for x in ("iteration", "steps", "seconds"))
+        elif (policy := self.folder.path / POLICY).exists():
+            steps = Policy.load(policy).steps
+            raise ValueError(
+                f"folder: got {self.folder.path}, which has a policy of {steps:,} steps and no save to go on from; "
+                "takes another folder (--out) with begin_from (--from) that policy"
+            )
         self.folder.forget(self.iteration)
         for steps, file in self.folder.past():
             if steps <= self.steps:

@@ -10,6 +10,7 @@ from maax_mjx.common.checks import check_bool
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
+from maax_mjx.training.begin import preset_in
 from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.run import Progress, Run, Trainer, check_end
@@ -18,7 +19,7 @@ from maax_mjx.training.run import Progress, Run, Trainer, check_end
 def train(
     game: str | Environment,
     folder: str | Path,
-    preset: str = "gpu",
+    preset: str | None = None,
     worlds: int | None = None,
     devices: Devices = "all",
     minutes: float | None = None,
@@ -45,7 +46,8 @@ def train(
     Args:
         game: name of a game, or an environment whose agents observe for themselves.
         folder: where everything is written.
-        preset: settings to start from, see `maax_mjx.training.config`.
+        preset: settings to start from, see `maax_mjx.training.config`; None is that of the folder's run, in a new run
+            "laptop" on a CPU and "gpu" elsewhere.
         worlds: number of worlds; None is that of the preset.
         devices: see `Worlds`.
         minutes: minutes of training at most in this call, compilation not included.
@@ -65,13 +67,14 @@ def train(
         The run's folder and its policy.
 
     Raises:
-        ValueError: an unknown preset or setting, a folder with another run, minibatches that do not divide, or an
-            environment that networks cannot read.
+        ValueError: an unknown preset or setting, a folder with another run or one that another process trains,
+            minibatches that do not divide, or an environment that networks cannot read.
         FloatingPointError: ten updates in a row that were not finite; the last good save stays.
         MemoryError: more worlds than fit.
     """
     check_bool("bar", bar)
-    preset_of(preset, overrides)  # a mistyped setting before what is missing: "steps" may be what was meant
+    # A mistyped setting before what is missing: "steps" may be what was meant.
+    preset_of(preset or preset_in(folder), overrides)
     check_end(minutes, steps, on_iteration)
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides

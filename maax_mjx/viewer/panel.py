@@ -61,14 +61,14 @@ class Panel:
         gui.add_button("Next world").on_click(lambda _: self._ask_next())
         self._senses = {name: gui.add_checkbox(f"Show {name}", on) for name, on in senses.items()}
         self.keyboard = Keyboard(server, [*keys, PAUSE, STEP, NEXT])
-        with gui.add_folder("Worlds, from the next one on", expand_by_default=False):
-            for parameter in parameters:
-                self._slider(gui, parameter, np.asarray(params[parameter.name]))
+        vary = [parameter for parameter in parameters if _has_room(parameter)]
+        if vary:
+            with gui.add_folder("Worlds, from the next one on", expand_by_default=False):
+                for parameter in vary:
+                    self._slider(gui, parameter, np.asarray(params[parameter.name]))
 
     def _slider(self, gui: Any, parameter: Parameter, now: np.ndarray) -> None:
         low, high = parameter.bound
-        if not np.isfinite([low, high]).all() or low == high:
-            return
         whole = parameter.dtype == jnp.int32
         kind = int if whole else float
         step = 1 if whole else (high - low) / 100
@@ -136,3 +136,9 @@ class Panel:
         """Shows words, as Markdown."""
         if self._words.content != words:
             self._words.content = words
+
+
+def _has_room(parameter: Parameter) -> bool:
+    """Whether a range can be set, with a slider."""
+    low, high = parameter.bound
+    return bool(np.isfinite([low, high]).all() and low != high)

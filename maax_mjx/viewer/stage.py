@@ -100,7 +100,11 @@ class Stage:
         for draw in (draw_agents, draw_slopes):
             draw(state, Canvas(self.subject, state, marked))
         for mark in self._marks:
-            mark.draw(state, Canvas(self.subject, state, marked, mark.layer))
+            try:
+                mark.draw(state, Canvas(self.subject, state, marked, mark.layer))
+            except Exception as error:  # of a user's function, whatever it may be
+                said = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+                raise ValueError(f"marks of {mark.layer!r}: {said}") from error
         return marked
 
     def _solid(self, state: State, marked: Marked, geom: int, size: np.ndarray) -> list[Part]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from string import ascii_lowercase, ascii_uppercase
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gymnasium.spaces import MultiBinary
 
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -22,8 +24,10 @@ WAYS = {
     "KeyE": (0, 0, -1),
 }
 """Forces ahead and to the left, and the torque, of a key."""
-SWITCHES = {"KeyG": "grab", "KeyL": "lock"}
-"""Parts of an action that a key turns on and off."""
+SWITCHES = {"grab": "KeyG", "lock": "KeyL"}
+"""Keys that turn a part of an action on and off; other parts have the first free letter of their name."""
+TAKEN = "KeyN"
+"""The letter that goes to the next world."""
 HELP = "**W A S D** move, **Q E** turn"
 
 
@@ -40,13 +44,16 @@ class Steering:
 
     def __init__(self, env: Environment):
         self._env = env
-        self.switches = {key: name for key, name in SWITCHES.items() if name in env.action_space.spaces}
+        parts = [
+            name for name, space in env.action_space.spaces.items() if name != "move" and isinstance(space, MultiBinary)
+        ]
+        self.switches = _switches(parts)
         self.on = dict.fromkeys(self.switches.values(), False)
 
     @property
     def help(self) -> str:
         """The keys, as Markdown."""
-        return ", ".join([HELP, *(f"**{key[-1]}** {name}s or no more" for key, name in self.switches.items())])
+        return ", ".join([HELP, *(f"**{key[-1]}** {name} on or off" for key, name in self.switches.items())])
 
     def press(self, key: str) -> None:
         """Turns on or off what a key is for."""
@@ -79,6 +86,17 @@ class Steering:
         n = self._env.n_agents
         parts = {name: jnp.full(n, is_on, jnp.int32) for name, is_on in on.items()}
         return to_action(self._env, jnp.broadcast_to(forces, (n, 3)), **parts)
+
+
+def _switches(parts: Sequence[str]) -> dict[str, str]:
+    """Returns a key for every part, as long as there are letters."""
+    switches = {SWITCHES[name]: name for name in parts if name in SWITCHES}
+    for name in parts:
+        free = (f"Key{letter}" for letter in (name + ascii_lowercase).upper() if letter in ascii_uppercase)
+        key = next((key for key in free if key not in {*WAYS, TAKEN, *SWITCHES.values(), *switches}), None)
+        if name not in SWITCHES and key is not None:
+            switches[key] = name
+    return switches
 
 
 def steered(env: Environment, steering: Steering, others: Any) -> Any:

@@ -63,3 +63,17 @@ def test_a_file_that_was_not_finished_leaves_the_old_one(tmp_path):
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert not UNFINISHED
+
+
+def test_places_where_no_file_can_be_written_are_named(tmp_path, monkeypatch):
+    def write(path, *argument):
+        with whole(path, *argument):
+            raise AssertionError("it was let in")
+
+    with pytest.raises(ValueError, match=r"path: got '.*', which is a folder; takes a file in a folder that can be"):
+        write(tmp_path)
+    with pytest.raises(ValueError, match=r"out: got '.*/none/a.txt', and no folder '.*/none' exists"):
+        write(tmp_path / "none" / "a.txt", "out")
+    monkeypatch.setattr("os.access", lambda path, mode: False)  # who runs the tests may write everywhere
+    with pytest.raises(ValueError, match=r"path: got '.*a.txt', and the folder '.*' cannot be written"):
+        write(tmp_path / "a.txt")

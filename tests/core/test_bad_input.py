@@ -79,6 +79,18 @@ class Shapeless(maax.Entities):
     kind = "blob"
 
 
+class Bare(maax.Sites):
+    kind = "goal"
+
+
+class Goal(Bare):
+    rgba = (1.0, 1.0, 1.0, 1.0)
+
+
+class Spaced(Goal):
+    kind = "my thing"
+
+
 class Balls(maax.Entities):
     """Balls of 2 m in places of 0.4 m."""
 
@@ -177,6 +189,22 @@ CONSTRUCTION = {
     "floor friction": (lambda: maax.FloorAttributes("ice"), "friction: got 'ice'", "takes a number"),
     "floor colour": (lambda: maax.FloorAttributes(rgba=5), "rgba: got 5", "four numbers"),
     "gravity": (lambda: maax.WorldConstants(NAN), "gravity: got nan", "takes a finite number"),
+    "colour of a site": (
+        lambda: Bare(1, (1, 1, 1), maax.uniform_placement, 0.1),
+        "rgba: Bare has 'none'",
+        "four numbers",
+    ),
+    "extent of a site": (
+        lambda: Goal(1, 0.5, maax.uniform_placement, 0.1),
+        "extent: got 0.5",
+        "three positive numbers",
+    ),
+    "height of a site": (lambda: Goal(1, (1, 1, 1), maax.uniform_placement, "low"), "height: got", "takes"),
+    "name of a kind": (
+        lambda: Spaced(1, (1, 1, 1), maax.uniform_placement, 0.1),
+        "kind: Spaced has 'my thing'",
+        "identifier",
+    ),
     "food size": (lambda: maax.Food(1, food_size=0), "food_size: got 0", POSITIVE),
     "floor range": (lambda: Base(1, floor_size=(6.0, 4.0)), "floor_size: got (6.0, 4.0)", "low <= high"),
     "in the quadrant": (

@@ -40,6 +40,9 @@ def _(axis_size, in_batched, x):
     return jnp.ones_like(x), in_batched[0]
 
 
+CHANCE = np.random.default_rng()
+
+
 class Broken(Base):
     """Two agents on an open floor, with one thing wrong."""
 
@@ -69,8 +72,12 @@ class Broken(Base):
             case "step":
                 return out.replace(step=state.step)
             case "chance":
-                noise = jax.pure_callback(lambda: np.float32(np.random.uniform()), jax.ShapeDtypeStruct((), "float32"))  # noqa: NPY002
+                noise = jax.pure_callback(lambda: np.float32(CHANCE.uniform()), jax.ShapeDtypeStruct((), "float32"))
                 return out.replace(reward=out.reward + noise)
+            case "numpy":
+                return out.replace(reward=out.reward + np.float32(np.random.uniform()))  # noqa: NPY002
+            case "refused":
+                raise ValueError("no reward")
         return out
 
 
@@ -85,6 +92,8 @@ class Broken(Base):
         ("space", "step changed a shape or dtype"),
         ("step", r"state\.step is 0"),
         ("chance", "two runs from the same key differ"),
+        ("numpy", "draws from the generator of NumPy or Python, once, while it is traced"),
+        ("refused", "world 0, step 1: no reward"),
         ("one world", "two different keys the same world"),
         ("vmap", "vmap and loop"),
     ],

@@ -200,9 +200,11 @@ class Kindless(maax.Entities):
 def test_modules_have_names_and_entities_kinds():
     with pytest.raises(ValueError, match="name: Nameless has None; takes a text of its own, in the class: name = "):
         add(Nameless())
-    with pytest.raises(ValueError, match="kind: Kindless has None; takes a text such as 'table', in the class"):
+    with pytest.raises(
+        ValueError, match=r"kind: Kindless has None; takes a Python identifier such as .table., in the class"
+    ):
         Kindless(1, (1, 1, 1), maax.uniform_placement)
-    with pytest.raises(ValueError, match=r"kind: .* has 'team'; takes a text"):
+    with pytest.raises(ValueError, match=r"kind: .* has 'team'; takes a Python"):
         type("Teams", (maax.Entities,), {"kind": "team"})(1, (1, 1, 1), maax.uniform_placement)
 
 

@@ -82,6 +82,7 @@ def test_one_game_by_several_paths(mine, monkeypatch):
         assert brought.is_same_game(f"{path}:pitch", "own_game.py:pitch")
         assert not brought.is_same_game(f"{path}:pitch", "own_game.py:helper")
     assert not brought.is_same_game("other.py:pitch", "own_game.py:pitch")
+    assert brought.is_same_game("folder/own_game.py:pitch", "own_game.py:pitch"), "seen from another folder"
     assert not brought.is_same_game("pitch", "own_game.py:pitch")
     assert brought.is_same_game("tag", "tag")
 

@@ -55,6 +55,11 @@ def played(policy):
     return env, *jax.device_get(jax.jit(jax.vmap(play))(jax.random.split(seeds.key(0), N)))
 
 
+def test_other_games_are_refused():
+    with pytest.raises(ValueError, match="name: got 'no_ramps' for a policy of tag; takes a policy of a game with the"):
+        training.intervened(training.Policy.load("tag/trained"), "no_ramps")
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_games_have_what_takes_away(policy, name):
     """In the game that they learnt, around what counts."""

@@ -195,7 +195,9 @@ def test_other_runs_are_refused(run, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(ValueError, match="which has other files; takes an empty one, a new one, or a run's"):
         trainer(tmp_path)
-    with pytest.raises(ValueError, match=r"ppo.minibatches: got 3 .*divides the 16 chunks"):
+    with pytest.raises(
+        ValueError, match=r"worlds: got .* with 3 minibatches .*the 16 chunks of an iteration do not go"
+    ):
         trainer(tmp_path / "a", **{"ppo.minibatches": 3})
     with pytest.raises(ValueError, match=r"preset: got 'laptob'.*laptop"):
         training.train(echo(), tmp_path / "b", "laptob", steps=8)
@@ -206,12 +208,43 @@ def test_other_runs_are_refused(run, tmp_path):
     assert not (tmp_path / "b").exists(), "a refusal leaves nothing behind"
     with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment; takes fields only with a name"):
         training.Trainer(echo(), tmp_path / "c", env={"n_boxes": 2})
+    with pytest.raises(ValueError, match=r"env: got 'horizon=3'; takes a dict of the game's fields"):
+        training.Trainer("tag", tmp_path / "c", env="horizon=3")
+    with pytest.raises(
+        ValueError, match=r"folder: got .* which has a run with preset=laptop, not gpu; takes that run's"
+    ):
+        training.Trainer(echo(), folder, "gpu", N, **{"ppo.minibatches": 1})
     with pytest.raises(ValueError, match="which belongs to no agent; takes an environment whose agents observe"):
         training.Trainer(maax.make("standard", impl="c"), tmp_path / "d", "laptop")
     with pytest.raises(
         ValueError, match=r"train: 'luck' is observed and not declared; say whose it is, in Luck: def decl"
     ):
         training.Trainer(Luck(echo()), tmp_path / "e", "laptop", N, **SMALL)
+
+
+def test_a_run_without_a_save_is_not_begun_again(run, tmp_path):
+    """It would overwrite the policy that is there."""
+    copy = tmp_path / "copy"
+    shutil.copytree(run[1].folder, copy)
+    shutil.rmtree(copy / "saves")
+    shutil.rmtree(copy / "learner")
+    before = {file: file.read_bytes() for file in copy.rglob("*") if file.is_file() and file.name != ".lock"}
+    with pytest.raises(ValueError, match=r"has a policy of \d+ steps and no save to go on from; takes another folder"):
+        trainer(copy)
+    assert all(file.read_bytes() == was for file, was in before.items())
+
+
+def test_two_processes_do_not_train_in_one_folder(run, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(run[1].folder, copy)
+    hold = "import sys; from maax_mjx.training.folder import Folder; folder = Folder(sys.argv[1]); folder.claim()"
+    words = [sys.executable, "-c", f"{hold}; print(1, flush=True); sys.stdin.read()", str(copy)]
+    other = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert other.stdout.readline() == "1\n"
+    with pytest.raises(ValueError, match="where another process trains now; takes another folder"):
+        trainer(copy)
+    other.communicate("")
+    assert trainer(copy).steps == FEW * PER_ITERATION
 
 
 def test_policies_play_wherever_policies_are_taken(run, tmp_path):
@@ -238,8 +271,12 @@ def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
     policy = run[1].policy
     with pytest.raises(ValueError, match=r"policy: it reads 8 columns \(x, .*, and env has 10 columns \(ahead"):
         policy.on(maax.make("tag", impl="c", observations="ego"))
-    with pytest.raises(ValueError, match=r"same columns; policy.make_env\(\) makes its own, tag"):
+    with pytest.raises(
+        ValueError, match=r"got one that learnt tag, and env observes or acts otherwise: it reads .* own"
+    ):
         training.Policy.load("tag/trained").on(maax.make("tag", impl="c", observations="flat"))
+    with pytest.raises(ValueError, match=r"got one that learnt tag, and env plays capture_the_flag: it reads"):
+        training.Policy.load("tag/trained").on(maax.make("capture_the_flag", impl="c"))
     with pytest.raises(ValueError, match="make_env: got a policy of an environment of one's own"):
         policy.make_env()
     (tmp_path / "noise").write_bytes(b"noise")
@@ -247,6 +284,17 @@ def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):
         training.Policy.load(tmp_path / "noise")
     with pytest.raises(ValueError, match="which is not there; takes a file"):
         training.Policy.load(tmp_path / "nothing")
+    with pytest.raises(ValueError, match="which is not there, and past policies are for evaluate, or files in"):
+        training.Policy.load(f"{run[1].folder}@1k")
+    with pytest.raises(ValueError, match="path: got None; takes a file"):
+        training.Policy.load(None)
+    whole = bytearray((run[1].folder / "policy").read_bytes())
+    for place in (len(whole) // 3, len(whole) // 2, len(whole) - 40):
+        flipped = whole.copy()
+        flipped[place] ^= 0xFF
+        (tmp_path / "flipped").write_bytes(flipped)
+        with pytest.raises(ValueError, match="which is no policy, or damaged"):
+            training.Policy.load(tmp_path / "flipped")
 
 
 @pytest.mark.slow
@@ -264,6 +312,8 @@ def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
     assert "ratings: " in str(found)
     with pytest.raises(ValueError, match=r"against: got 'chaes'.*chase"):
         training.evaluate(run[1].policy, ["chaes"], env=env)
+    with pytest.raises(ValueError, match="against: got none; takes at least one opponent"):
+        training.evaluate(run[1].policy, [], env=env)
     with pytest.raises(ValueError, match="got 'many' after the @; takes a number of steps, such as 50M"):
         training.evaluate(run[1].policy, [f"{run[1].folder}@many"], env=env)
 

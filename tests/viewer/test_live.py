@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium import spaces
 from helpers.browser import browser, needs_browser
 
 import maax_mjx as maax
@@ -109,6 +110,31 @@ def test_a_person_plays_one_agent_and_others_the_rest(env):
             np.testing.assert_array_equal(action[name], want)
     steering.press("KeyG")
     assert steering.on["grab"] is False
+
+
+class Turbo(maax.ActionWrapper):
+    """Adds two parts of one's own, one of which no key can set."""
+
+    @property
+    def action_space(self):
+        n = self.n_agents
+        own = {"gear": spaces.MultiDiscrete(np.full((n, 2), 5)), "lasso": spaces.MultiBinary((n,))}
+        return spaces.Dict({**self.env.action_space.spaces, **own})
+
+    def action(self, state, action):
+        return {name: part for name, part in action.items() if name in self.env.action_space.spaces}
+
+
+def test_a_part_of_ones_own_has_a_key(env):
+    steering = Steering(Turbo(env))
+    assert steering.switches == {"KeyG": "grab", "KeyL": "lock", "KeyO": "lasso"}, "L, A and S have others"
+    assert "**O** lasso on or off" in steering.help
+    steering.press("KeyO")
+    on = {name: jnp.asarray(x) for name, x in steering.on.items()}
+    action = steering.action(jnp.zeros(3), on)
+    np.testing.assert_array_equal(action["lasso"], np.ones(env.n_agents))
+    np.testing.assert_array_equal(action["gear"], 0)
+    assert Turbo(env).action_space.contains(jax.tree.map(np.asarray, action))
 
 
 @pytest.mark.slow

@@ -365,3 +365,19 @@ def test_marks_that_are_refused(case, example):
     call, message = WRONG_MARKS[case]
     with pytest.raises(ValueError, match=message):
         call(Canvas(Stage(env).subject, state, Marked(), "mine"))
+
+
+def test_a_mistake_in_marks_names_whose_they_are(monkeypatch):
+    class Careless(maax.ObservationWrapper):
+        name = "careless"
+
+        def observation(self, state):
+            return state.obs
+
+    @maax.marks_of(Careless)
+    def draw(layer, state, canvas):
+        return {}["no such key"]
+
+    env = Careless(maax.make("tag", impl="c"))
+    with pytest.raises(ValueError, match="marks of 'careless': KeyError: 'no such key'"):
+        Stage(env).frame(jax.device_get(env.reset(jax.random.key(0))))
