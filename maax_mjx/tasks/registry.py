@@ -12,6 +12,7 @@ import jax
 from maax_mjx.common.annotated import check_fields
 from maax_mjx.common.checks import check_choice, check_new_name, is_traced
 from maax_mjx.common.params import DomainParams
+from maax_mjx.common.runtime import no_collection
 from maax_mjx.core.env import Environment, Made
 from maax_mjx.core.state import State
 from maax_mjx.tasks.brought import GROUP, TAKES, config_class, games_in, installed, is_in_a_file, module_of, short_name
@@ -185,7 +186,8 @@ def make(name: str, config: Any = None, **overrides: Any) -> Environment:
         )
     config = override(defaults if config is None else config, overrides, f"make({name!r})")
     check_fields(config)
-    env = _task(name).build(config)
+    with no_collection():
+        env = _task(name).build(config)
     if not isinstance(env, Environment):
         raise ValueError(f"build: got {env!r} from that of {name!r}; takes a function from a config to an environment")
     if isinstance(config, Extensions):

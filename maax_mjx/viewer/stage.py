@@ -7,7 +7,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from maax_mjx.common.checks import check_bool
 from maax_mjx.core.env import Environment
@@ -184,11 +183,11 @@ class Stage:
             kind, n_size = KINDS[mujoco.mjtGeom(self.model.site_type[site])]
             body = int(self.model.site_bodyid[site])
             turn = _rotation(state.data.xquat[body])
-            position = np.asarray(state.data.xpos[body], float) + turn.apply(self.model.site_pos[site])
+            position = np.asarray(state.data.xpos[body], float) + turn @ self.model.site_pos[site]
             paint = self.subject.materials.of_site(site)
             if self._is_seen(state, body, position, paint):
                 shape = Shape(kind, _rounded(self.model.site_size[site, :n_size]), paint.rgba, -1, paint.material)
-                rotation = (turn * _rotation(self.model.site_quat[site])).as_matrix()
+                rotation = turn @ _rotation(self.model.site_quat[site])
                 name = self.model.site(site).name or f"site{site}"
                 parts.append(Part(f"{name}:site", "mark", shape, position, rotation))
         return parts
@@ -221,9 +220,11 @@ def _rounded(size: Sequence[float] | np.ndarray) -> tuple[float, ...]:
     return tuple(round(float(s), 4) for s in size)
 
 
-def _rotation(quat: Any) -> Rotation:
-    """The rotation of a quaternion (4,), w first."""
-    return Rotation.from_quat(np.roll(np.asarray(quat, float), -1))
+def _rotation(quat: Any) -> np.ndarray:
+    """(3, 3) rotation of a quaternion (4,), w first."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(quat, float))
+    return matrix.reshape(3, 3)
 
 
 def _numbers(values: Any, members: np.ndarray, each: bool) -> str:
