@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
+import traceback
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -19,9 +22,9 @@ TOLERANCE = 1e-4
 def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: int = 0) -> None:
     """Checks that an environment keeps its contract; returns nothing.
 
-    Spaces contain the observations and actions; vmap equals a loop, to 1e-4; reset and step are traced once; the same
-    key gives the same world and run; everything is finite; a step keeps the tree, shapes and dtypes of the State; there
-    is a reward for every agent.
+    Observations are declared as they are; spaces contain them and the actions; vmap equals a loop, to 1e-4; reset and
+    step are traced once; the same key gives the same world and run, whose numbers are JAX's; everything is finite; a
+    step keeps the tree, shapes and dtypes of the State; there is a reward for every agent.
 
     Args:
         env: the environment.
@@ -35,6 +38,7 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
     """
     if not isinstance(env, Environment):
         raise ValueError(f"env: got {env!r}; takes an environment, such as maax.make('tag')")
+    _check_declared(env)
     keys = jax.random.split(jax.random.key(seed), n_worlds)
     sample = jax.jit(jax.vmap(env.sample_action))
     actions = [jax.device_get(sample(jax.random.split(jax.random.key(seed + 1 + t), n_worlds))) for t in range(n_steps)]
@@ -77,6 +81,19 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
         _same(states, rows, f"vmap and loop, world {i}")
 
 
+def _check_declared(env: Environment) -> None:
+    """Every observation is declared, with as many columns as it has, and what is declared is observed."""
+    # Imported late: wrappers are made of environments.
+    from maax_mjx.wrappers.split import declared_table
+
+    try:
+        table = declared_table(env, "check_env", masks=())
+    except ValueError as error:
+        raise AssertionError(str(error)) from error
+    if unseen := sorted(set(env.observed) - set(table)):
+        raise AssertionError(f"{unseen} are declared and not observed: `observation` must give them")
+
+
 def _host(tree: Any) -> Any:
     """The tree on the host, with keys as their numbers: slices of it are not compiled, one program each."""
 
@@ -110,8 +127,21 @@ def _called(where: str, function: Any, *args: Any) -> Any:
     """Calls reset or step, which refuse states and rewards of a wrong form themselves."""
     try:
         return function(*args)
+    except jax.errors.ConcretizationTypeError as error:
+        raise AssertionError(
+            f"{where}: a rule turns an array into a Python number or asks it in an `if` ({_line_of(error)}), and what "
+            "it is is known only when the step runs; takes jnp.where, and arrays as they are"
+        ) from error
     except ValueError as error:
         raise AssertionError(f"{where}: {error}" if where else str(error)) from error
+
+
+def _line_of(error: BaseException) -> str:
+    """The innermost line of the error's traceback that is neither JAX's nor this package's, or the last one."""
+    lines = traceback.extract_tb(error.__traceback__)
+    inside = f"{Path(__file__).parent}{os.sep}", f"{Path(jax.__file__).parent}{os.sep}"
+    own = [line for line in lines if not line.filename.startswith(inside)] or lines
+    return f"{Path(own[-1].filename).name}, line {own[-1].lineno}: {own[-1].line}"
 
 
 def _generators() -> tuple[bytes, Any]:

@@ -150,7 +150,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     if is_game(args.game) or not (Path(args.game) / RUN).exists():
         return args, values_of(args.game, env)
     about = Folder(args.game).about()
-    _check_of_the_run(args, env, about["seed"])
+    _check_of_the_run(args, env, about)
     game, settings = about["game"], about["settings"]
     if game is None:
         raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
@@ -160,7 +160,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         game=game["game"],
         out=Path(args.game),
         seed=about["seed"],
-        preset=args.preset or about["preset"],
+        preset=about["preset"],
         worlds=args.worlds or settings["worlds"],
         settings=was | args.settings,
         **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT},
@@ -168,7 +168,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
 
 
-def _check_of_the_run(args: Train, env: Mapping[str, str], seed: int) -> None:
+def _check_of_the_run(args: Train, env: Mapping[str, str], about: Mapping[str, Any]) -> None:
     """Refuses options that a run has already, where its folder is given.
 
     Raises:
@@ -176,7 +176,8 @@ def _check_of_the_run(args: Train, env: Mapping[str, str], seed: int) -> None:
     """
     given = {
         **{f"env.{name}": True for name in env},
-        "seed": args.seed not in (0, seed),
+        "preset": args.preset not in (None, about["preset"]),
+        "seed": args.seed not in (0, about["seed"]),
         "out": args.out is not None and args.out.resolve() != Path(args.game).resolve(),
         "from": args.begin_from is not None,
         "transfer": args.transfer,

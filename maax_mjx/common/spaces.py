@@ -28,7 +28,11 @@ def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
 
 
 def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
-    """Draws a uniform sample of a dict of bounded boxes, bins and binaries; traceable."""
+    """Draws a uniform sample of a dict of bounded boxes, bins and binaries; traceable.
+
+    Raises:
+        ValueError: a part of another kind.
+    """
     out = {}
     for k, (name, sub) in zip(jax.random.split(key, len(space.spaces)), space.spaces.items(), strict=True):
         if isinstance(sub, spaces.Box):
@@ -38,7 +42,10 @@ def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
         elif isinstance(sub, spaces.MultiBinary):
             out[name] = jax.random.bernoulli(k, shape=sub.shape).astype(jnp.int8)
         else:
-            raise NotImplementedError(f"sampling from {type(sub).__name__}")
+            raise ValueError(
+                f"action_space: got {sub} for {name!r}; takes a Box with bounds, a MultiBinary, or a MultiDiscrete "
+                "with bins of one size"
+            )
     return out
 
 

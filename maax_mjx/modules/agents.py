@@ -233,6 +233,11 @@ class Agents(Entities):
 def _check_teams(n_agents: int | Mapping[str, int | tuple[int, int]]) -> dict[str, tuple[int, int]]:
     """Returns the smallest and the largest number of every team, by name."""
     if not isinstance(n_agents, Mapping):
+        if isinstance(n_agents, Sequence):
+            raise ValueError(
+                f"n_agents: got {n_agents!r}; takes a whole number in [1, {MOST}], or numbers by team, "
+                "{'reds': 2, 'blues': 1}"
+            )
         n = check_count("n_agents", n_agents, 1, MOST)
         return {"agents": (n, n)}
     if not n_agents:

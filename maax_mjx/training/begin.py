@@ -93,8 +93,9 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
         ValueError: another game, network or seed; the message names the first that differs.
     """
     was, about = _any_engine(folder.about()), _any_engine(about)
-    for name in ("game", "columns", "net", "seed"):
-        if was.get(name) != about[name]:
+    for name in ("game", "columns", "teams", "net", "seed"):
+        # Runs of before there were names of teams have none.
+        if was.get(name, about[name] if name == "teams" else None) != about[name]:
             # Presets differ in five settings of the networks, none of which anybody gave.
             other = "preset" if name == "net" and was.get("preset") != about["preset"] else name
             raise ValueError(

@@ -102,7 +102,9 @@ class Folder:
         try:
             return json.loads((self.path / RUN).read_text())
         except (OSError, json.JSONDecodeError) as error:
-            raise ValueError(f"folder: got {self.path}, whose {RUN} cannot be read ({error})") from None
+            raise ValueError(
+                f"folder: got {self.path}, whose {RUN} cannot be read ({error}); takes another folder (--out)"
+            ) from None
 
     @by_the_first
     def describe(self, about: Mapping[str, Any]) -> None:
@@ -179,6 +181,12 @@ class Folder:
         folder = self.path / PAST
         files = sorted(folder.iterdir()) if folder.is_dir() else []
         return [(int(file.name), file) for file in files if file.name.isdigit()]
+
+    @property
+    def has_no_save(self) -> bool:
+        """Whether there is nothing that the run could go on from."""
+        saves, small = self.path / SAVES, self.path / SMALL / "save.json"
+        return not small.exists() and not (saves.is_dir() and any(x.name.isdigit() for x in saves.iterdir()))
 
     @by_the_first
     def save_small(self, tree: Any, about: Mapping[str, Any]) -> None:

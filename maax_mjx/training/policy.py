@@ -160,6 +160,8 @@ class Policy(TrainedPolicy):
         if not isinstance(path, str | Path):
             raise ValueError(f"path: got {described(path)}; {_takes()}")
         path = file_of(Path(path))
+        if path.is_dir() and not (path / "policy").exists():
+            raise ValueError(f"path: got {str(path)!r}, a folder without a policy; {_takes()}")
         path = path / "policy" if path.is_dir() else path
         try:
             data = serialization.msgpack_restore(path.read_bytes())

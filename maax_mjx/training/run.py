@@ -120,6 +120,7 @@ class Trainer:
             "game": game_of(self.env),
             "preset": preset,
             "columns": {name: list(columns) for name, columns in self.network.spec.columns().items()},
+            "teams": list(self.env.teams),
             "net": settings["net"],
             "seed": seed,
             "settings": settings,
@@ -259,6 +260,13 @@ class Trainer:
 
     def _restore(self) -> None:
         """Takes over the newest save: the whole one with as many worlds, else what was learnt, with new worlds."""
+        policy = self.folder.path / POLICY
+        if self.folder.has_no_save and policy.exists():
+            steps = Policy.load(policy).steps
+            raise ValueError(
+                f"folder: got {self.folder.path}, which has a policy of {steps:,} steps and no save to go on from; "
+                "takes another folder (--out) with begin_from (--from) that policy"
+            )
         saves = Checkpoints(self.folder.path / SAVES)
         learner, memory = jax.eval_shape(lambda: (self.learner, self._fresh_memory()))
         like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": _parts(memory)})
@@ -274,12 +282,6 @@ class Trainer:
         elif small is not None:
             self.learner, numbers = small
             self.iteration, self.steps, self.seconds = (numbers[x] for x in ("iteration", "steps", "seconds"))
-        elif (policy := self.folder.path / POLICY).exists():
-            steps = Policy.load(policy).steps
-            raise ValueError(
-                f"folder: got {self.folder.path}, which has a policy of {steps:,} steps and no save to go on from; "
-                "takes another folder (--out) with begin_from (--from) that policy"
-            )
         self.folder.forget(self.iteration)
         for steps, file in self.folder.past():
             if steps <= self.steps:

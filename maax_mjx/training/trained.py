@@ -54,5 +54,12 @@ class TrainedPolicy(ABC):
         """
         if self.game is None:
             raise ValueError("make_env: got a policy of an environment of one's own; takes one of a registered game")
-        fields = from_plain(type(config_of(self.game["game"])), self.game["config"])
+        try:
+            config = type(config_of(self.game["game"]))
+        except ValueError as error:
+            raise ValueError(
+                f"{error}; of a game in a file of one's own, import the file first, or train it by its file's name, "
+                f"my_game.py:{self.game['game']}"
+            ) from None
+        fields = from_plain(config, self.game["config"])
         return make(self.game["game"], **(fields | overrides))

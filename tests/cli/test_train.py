@@ -61,6 +61,7 @@ def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, m
     for words, said in (
         (["train", "tagg"], "got 'tagg'; did you mean 'tag'"),
         (["train", "runs/tag", "--env.n_boxes", "2", "--steps", "64"], "takes it with a new run"),
+        (["train", "runs/tag", "--preset", "gpu", "--steps", "640"], "--preset: got it with the folder of a run"),
         (["train", "runs/tag", "--seed", "4", "--steps", "640"], "--seed: got it with the folder of a run"),
         (["train", "runs/tag", "--out", "runs/new", "--steps", "640"], "--out: got it with the folder of a run"),
         (["train", "runs/tag", "--from", "tag/trained", "--steps", "640"], "--from: got it with the folder of a run"),

@@ -189,6 +189,7 @@ CONSTRUCTION = {
     "floor friction": (lambda: maax.FloorAttributes("ice"), "friction: got 'ice'", "takes a number"),
     "floor colour": (lambda: maax.FloorAttributes(rgba=5), "rgba: got 5", "four numbers"),
     "gravity": (lambda: maax.WorldConstants(NAN), "gravity: got nan", "takes a finite number"),
+    "teams in a list": (lambda: Agents([2, 1]), "n_agents: got [2, 1]", "numbers by team"),
     "colour of a site": (
         lambda: Bare(1, (1, 1, 1), maax.uniform_placement, 0.1),
         "rgba: Bare has 'none'",

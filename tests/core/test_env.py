@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium import spaces
 from helpers import seeds
 
 import maax_mjx as maax
@@ -78,6 +79,8 @@ class Broken(Base):
                 return out.replace(reward=out.reward + np.float32(np.random.uniform()))  # noqa: NPY002
             case "refused":
                 raise ValueError("no reward")
+            case "bool":
+                return out.replace(terminated=bool(out.step > 3))
         return out
 
 
@@ -94,6 +97,10 @@ class Broken(Base):
         ("chance", "two runs from the same key differ"),
         ("numpy", "draws from the generator of NumPy or Python, once, while it is traced"),
         ("refused", "world 0, step 1: no reward"),
+        (
+            "bool",
+            r"step 1: a rule turns .* `if` \(test_env.py, line \d+: .*bool\(out.step > 3\)\)\), .*; takes jnp.where",
+        ),
         ("one world", "two different keys the same world"),
         ("vmap", "vmap and loop"),
     ],
@@ -105,6 +112,43 @@ def test_check_env_finds_what_is_wrong(wrong, message):
     env.add_module(maax.Agents(2))
     with pytest.raises(AssertionError, match=message):
         check_env(env, n_worlds=2, n_steps=2, seed=seeds.seed(0))
+
+
+class Declares(maax.ObservationWrapper):
+    """Adds an array, and declares what it was told to."""
+
+    def __init__(self, env, columns, gives=True):
+        super().__init__(env)
+        self._columns, self._gives = columns, gives
+
+    def declared(self):
+        return self.env.declared() | ({"own": maax.Observed(("agent",), self._columns)} if self._columns else {})
+
+    def observation(self, state):
+        return state.obs | ({"own": jnp.zeros((self.n_agents, 2))} if self._gives else {})
+
+
+def test_check_env_holds_observations_against_their_declarations(env_c):
+    two = (maax.Column("a"), maax.Column("b"))
+    with pytest.raises(AssertionError, match="'own' is observed and not declared; say whose it is, in Declares"):
+        check_env(Declares(env_c, ()))
+    with pytest.raises(AssertionError, match="own"):
+        check_env(Declares(env_c, two[:1]))
+    with pytest.raises(AssertionError, match=r"\['own'\] are declared and not observed"):
+        check_env(Declares(env_c, two, gives=False))
+
+
+def test_actions_of_another_kind_are_refused(env_c):
+    class Gear(maax.ActionWrapper):
+        @property
+        def action_space(self):
+            return spaces.Dict({**self.env.action_space.spaces, "gear": spaces.Discrete(2)})
+
+        def action(self, state, action):
+            return {"move": action["move"]}
+
+    with pytest.raises(ValueError, match=r"action_space: got Discrete\(2\) for 'gear'; takes a Box with bounds"):
+        Gear(env_c).sample_action(seeds.key(0))
 
 
 def test_jitted_by_name_and_by_env(env_c):

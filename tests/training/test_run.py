@@ -232,6 +232,21 @@ def test_a_run_without_a_save_is_not_begun_again(run, tmp_path):
     with pytest.raises(ValueError, match=r"has a policy of \d+ steps and no save to go on from; takes another folder"):
         trainer(copy)
     assert all(file.read_bytes() == was for file, was in before.items())
+    assert not (copy / "saves").exists(), "a refusal makes nothing"
+    with pytest.raises(ValueError, match=r"path: got '.*past', a folder without a policy; takes a file"):
+        training.Policy.load(copy / "past")
+
+
+def test_renamed_teams_are_another_run(run, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(run[1].folder, copy)
+    about = json.loads((copy / "run.json").read_text())
+    (copy / "run.json").write_text(json.dumps(about | {"teams": ["cats", "mice"]}))
+    with pytest.raises(ValueError, match=r"has a run with teams=\['cats', 'mice'\], not \['hiders', 'seekers'\]"):
+        trainer(copy)
+    del about["teams"]
+    (copy / "run.json").write_text(json.dumps(about))
+    assert trainer(copy).steps == FEW * PER_ITERATION, "as runs of before were written"
 
 
 def test_two_processes_do_not_train_in_one_folder(run, tmp_path):
