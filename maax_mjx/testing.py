@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import random
+import re
 import traceback
 from pathlib import Path
 from typing import Any
@@ -132,6 +134,12 @@ def _called(where: str, function: Any, *args: Any) -> Any:
             f"{where}: a rule turns an array into a Python number or asks it in an `if` ({_line_of(error)}), and what "
             "it is is known only when the step runs; takes jnp.where, and arrays as they are"
         ) from error
+    except TypeError as error:
+        wrong = re.search(r"State.__init__\(\) got an unexpected keyword argument '(\w+)'", str(error))
+        if wrong is None:
+            raise
+        names = [f.name for f in dataclasses.fields(State)]
+        raise AssertionError(f"{where}: replace: got {wrong[1]!r} ({_line_of(error)}); takes of {names}") from error
     except ValueError as error:
         raise AssertionError(f"{where}: {error}" if where else str(error)) from error
 

@@ -111,6 +111,11 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
         )
 
+        if trainer.goes_on_in_new_worlds:
+            print(
+                f"maax-mjx: {SAVES}/ has no save of the last policy: what was learnt goes on, in new worlds",
+                file=sys.stderr,
+            )
         made: list[training.Progress] = []
         recent: deque[training.Progress] = deque(maxlen=RECENT)
 

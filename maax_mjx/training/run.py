@@ -150,6 +150,11 @@ class Trainer:
         return self.worlds.reset(key, stagger=self.env.base.horizon is not None)
 
     @property
+    def goes_on_in_new_worlds(self) -> bool:
+        """Whether the run goes on from a save without the worlds that it keeps, which begin anew."""
+        return self.iteration > 0 and self.config.save_worlds and "states" not in self.__dict__
+
+    @property
     def policy(self) -> Policy:
         """The policy as it is now, on the host."""
         return Policy(self.network, jax.device_get(self.learner.weights), game_of(self.env), self.steps)

@@ -66,6 +66,13 @@ class Wrapper(Environment):
             raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")
         env.base.around.add(self)
 
+    def __getattr__(self, name: str) -> Any:
+        # Python asks here for what an object has not.
+        mine = type(self).__name__
+        if name == "env":
+            raise AttributeError(f"env: {mine} has none; takes a first line super().__init__(env) in its __init__")
+        raise AttributeError(f"{mine!r} object has no attribute {name!r}", name=name, obj=self)
+
     @property
     def base(self) -> Base:
         return self.env.base

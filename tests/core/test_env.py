@@ -79,6 +79,8 @@ class Broken(Base):
                 return out.replace(reward=out.reward + np.float32(np.random.uniform()))  # noqa: NPY002
             case "refused":
                 raise ValueError("no reward")
+            case "typo":
+                return out.replace(terminate=True)
             case "bool":
                 return out.replace(terminated=bool(out.step > 3))
         return out
@@ -136,6 +138,18 @@ def test_check_env_holds_observations_against_their_declarations(env_c):
         check_env(Declares(env_c, two[:1]))
     with pytest.raises(AssertionError, match=r"\['own'\] are declared and not observed"):
         check_env(Declares(env_c, two, gives=False))
+
+
+def test_a_wrapper_that_forgets_its_environment_says_so(env_c):
+    class Forgetful(maax.ObservationWrapper):
+        def __init__(self, env, gain):
+            self.gain = gain
+
+    with pytest.raises(AttributeError, match="env: Forgetful has none; takes a first line super"):
+        _ = Forgetful(env_c, 2.0).base
+    with pytest.raises(AttributeError, match="'Forgetful' object has no attribute 'none'"):
+        _ = Forgetful(env_c, 2.0).none
+    assert not hasattr(maax.TeamMembership(env_c), "none")
 
 
 def test_actions_of_another_kind_are_refused(env_c):

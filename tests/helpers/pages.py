@@ -36,5 +36,5 @@ WORLDS = re.compile(r"(Worlds\(env, (?:n_worlds=)?|\(\()64\b")
 def run(name: str, few: bool = True) -> dict:
     """Runs a block, such as "modules-0", by default with 8 worlds instead of 64, and returns its names."""
     names = {"__name__": "__main__"}
-    exec(compile(WORLDS.sub(r"\g<1>8", BLOCKS[name]) if few else BLOCKS[name], name, "exec"), names)
+    exec(compile(WORLDS.sub(r"\g<1>8", BLOCKS[name]) if few else BLOCKS[name], name, "exec", dont_inherit=True), names)
     return names

@@ -178,6 +178,8 @@ def test_what_was_learnt_travels_without_its_worlds(run, tmp_path):
     shutil.rmtree(folder / "saves")
     assert all(file.stat().st_size < 16e6 for file in (folder / "learner").iterdir())
     again = training.Trainer(echo(), folder, "laptop", 2 * N, **SMALL)
+    assert again.goes_on_in_new_worlds
+    assert not run[0].goes_on_in_new_worlds
     assert again.steps == FEW * PER_ITERATION
     for a, b in zip(jax.tree.leaves(run[0].learner), jax.tree.leaves(again.learner), strict=True):
         np.testing.assert_array_equal(a, b)
