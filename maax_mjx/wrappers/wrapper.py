@@ -22,6 +22,15 @@ W = TypeVar("W", bound="Wrapper")
 P = TypeVar("P", bound=Placed)
 
 
+class _NotGiven:
+    """What a wrapper's `env` is before `Wrapper.__init__` sets it."""
+
+    def __get__(self, wrapper: Any, kind: type) -> Any:
+        if wrapper is None:
+            return self
+        raise AttributeError(f"env: {kind.__name__} has none; takes a first line super().__init__(env) in its __init__")
+
+
 class Wrapper(Environment):
     """An environment around another. Subclass one of its kinds, or this class to override `begin` and `transition`.
 
@@ -39,6 +48,7 @@ class Wrapper(Environment):
             outside this one or has its name.
     """
 
+    env: Environment = _NotGiven()  # type: ignore[assignment]
     name: str = ""
     requires: ClassVar[tuple[type[Wrapper], ...]] = ()
     """Wrappers that must be inside this one."""
@@ -65,13 +75,6 @@ class Wrapper(Environment):
         if self.name and any(layer.name == self.name for layer in env.layers):
             raise ValueError(f"{mine}: env has a wrapper named {self.name!r} already; takes one of each")
         env.base.around.add(self)
-
-    def __getattr__(self, name: str) -> Any:
-        # Python asks here for what an object has not.
-        mine = type(self).__name__
-        if name == "env":
-            raise AttributeError(f"env: {mine} has none; takes a first line super().__init__(env) in its __init__")
-        raise AttributeError(f"{mine!r} object has no attribute {name!r}", name=name, obj=self)
 
     @property
     def base(self) -> Base:

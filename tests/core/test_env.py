@@ -147,9 +147,6 @@ def test_a_wrapper_that_forgets_its_environment_says_so(env_c):
 
     with pytest.raises(AttributeError, match="env: Forgetful has none; takes a first line super"):
         _ = Forgetful(env_c, 2.0).base
-    with pytest.raises(AttributeError, match="'Forgetful' object has no attribute 'none'"):
-        _ = Forgetful(env_c, 2.0).none
-    assert not hasattr(maax.TeamMembership(env_c), "none")
 
 
 def test_actions_of_another_kind_are_refused(env_c):
