@@ -161,7 +161,7 @@ def test_replay(played, kind, capsys):
         (["--worldz", "4"], "did you mean --worlds"),
         (["rollout", "tag", "--world", "4"], "--world, 4; did you mean --worlds?; maax-mjx rollout --help"),
         (["rollout", "tag", "--worlds"], "missing value for argument '--worlds'. Expected 1 values; maax-mjx rollout"),
-        (["evaluate"], "missing from maax-mjx evaluate: STR A policy"),
+        (["evaluate"], "missing from maax-mjx evaluate: POLICY A policy"),
         (["bench", "layouts", "--worlds", "many"], "worlds: got ('many',); takes a list, each a whole number"),
         (["bench", "layouts", "--nope"], "unrecognized options: --nope; maax-mjx bench layouts --help lists"),
         (["worlds", "--n=0"], "n: got 0"),
