@@ -147,14 +147,14 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     Raises:
         ValueError: neither a game nor the folder of a run, or what a run has already with its folder.
     """
-    is_folder = "/" in args.game or Path(args.game).is_dir()
-    if not is_game(args.game) and is_folder and not (Path(args.game) / RUN).exists():
-        raise ValueError(
-            f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder"
-        )
-    if is_game(args.game) or not (Path(args.game) / RUN).exists():
+    folder = Path(args.game)
+    if is_game(args.game) or not (folder / RUN).exists():
+        if not is_game(args.game) and ("/" in args.game or folder.is_dir()):
+            raise ValueError(
+                f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder"
+            )
         return args, values_of(args.game, env)
-    about = Folder(args.game).about()
+    about = Folder(folder).about()
     _check_of_the_run(args, env, about)
     game, settings = about["game"], about["settings"]
     if game is None:
@@ -163,7 +163,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     gone_on = replace(
         args,
         game=game["game"],
-        out=Path(args.game),
+        out=folder,
         seed=about["seed"],
         preset=about["preset"],
         worlds=args.worlds or settings["worlds"],

@@ -35,7 +35,7 @@ class Claim:
         file = self._path.open("w")
         try:
             fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        except (BlockingIOError, PermissionError):  # which of them says that it is held depends on the system
             file.close()
             return False
         except OSError:

@@ -73,8 +73,9 @@ def train(
         MemoryError: more worlds than fit.
     """
     check_bool("bar", bar)
+    preset = preset or preset_in(folder)
     # A mistyped setting before what is missing: "steps" may be what was meant.
-    preset_of(preset or preset_in(folder), overrides)
+    preset_of(preset, overrides)
     check_end(minutes, steps, on_iteration)
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
