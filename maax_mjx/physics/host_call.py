@@ -77,7 +77,9 @@ RENAMED = {
 LATEST = 32
 """Objects that are kept although nobody has them any more: a program may outlive what it was made of."""
 QUIET = 0.2
-"""Seconds without a call after which a program counts as ended."""
+"""Seconds without a call, and without a busy thread, after which programs count as ended."""
+PATIENCE = 60.0
+"""Seconds after which threads that are still busy count as others' than programs'."""
 
 
 class Callee(Protocol):
@@ -121,9 +123,23 @@ class _Calls:
         for array in jax.live_arrays("cpu"):
             with contextlib.suppress(Exception):  # an array that is deleted, or of a program that was refused a call
                 array.block_until_ready()
-        # Programs whose results nobody has are known by their calls alone.
+        # Programs whose results nobody has are known by their calls, and before their first one by a busy thread.
+        began = self.last = time.monotonic()
         while self.open or time.monotonic() - self.last < QUIET:
             time.sleep(0.01)
+            if time.monotonic() - began < PATIENCE and _computes():
+                self.last = time.monotonic()
+
+
+def _computes() -> bool:
+    """Whether a thread of this process that is not Python's runs or waits for a core; on Linux, else False."""
+    own = {thread.native_id for thread in threading.enumerate()}
+    for status in Path("/proc/self/task").glob("*/stat"):
+        with contextlib.suppress(OSError):  # of a thread that has just ended
+            state = status.read_text().rpartition(")")[2].split()[0]
+            if state == "R" and int(status.parent.name) not in own:
+                return True
+    return False
 
 
 _calls = _Calls()

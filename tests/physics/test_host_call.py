@@ -33,10 +33,14 @@ import jax, jax.numpy as jnp, maax_mjx as maax
 env = maax.make("tag", impl="c", scenario="empty", n_boxes=0, n_ramps=0, n_frames=10)
 worlds = maax.Worlds(env, 32)
 move = {"move": jnp.zeros((32, 4, 3))}
-play = jax.jit(lambda states: jax.lax.fori_loop(0, 20_000, lambda _, x: worlds.step_fn(x, move), states))
+@jax.jit
+def play(states, before):
+    busy = jax.lax.fori_loop(0, before, lambda _, x: jnp.tanh(x @ x), jnp.ones((500, 500))).sum() * 1e-9
+    first = {"move": move["move"] + busy}
+    return jax.lax.fori_loop(0, 20_000, lambda _, x: worlds.step_fn(x, first), states)
 states = worlds.reset(jax.random.key(0))
-play.lower(states).compile()
-kept = [play(states)][: int(sys.argv[1])]
+play.lower(states, 0).compile()
+kept = [play(states, int(sys.argv[2]))][: int(sys.argv[1])]
 print("left")
 """
 
@@ -135,10 +139,10 @@ def test_a_second_process_compiles_nothing(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [0, 1])
-def test_python_ends_while_programs_run(kept):
-    """Nobody waits for their results, which somebody has or nobody: they end, and nothing crashes or hangs."""
-    ended = subprocess.run(
-        [sys.executable, "-c", LEFT, str(kept)], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
-    )
+@pytest.mark.parametrize(("kept", "before"), [(0, 0), (1, 0), (0, 500)])
+def test_python_ends_while_programs_run(kept, before):
+    """Nobody waits for their results, which somebody has or nobody, whose first call is still to come or not: they
+    end, and nothing crashes or hangs."""
+    code = [sys.executable, "-c", LEFT, str(kept), str(before)]
+    ended = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert (ended.returncode, ended.stdout) == (0, "left\n"), ended.stderr
