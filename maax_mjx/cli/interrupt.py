@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -9,7 +10,7 @@ import sys
 import threading
 import time
 
-from maax_mjx.common.whole import UNFINISHED
+from maax_mjx.common.whole import FOLDERS, UNFINISHED
 
 EXIT_CODE = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -68,6 +69,9 @@ class Interrupt:
 def _leave() -> None:
     for part in list(UNFINISHED):
         part.unlink(missing_ok=True)
+    for folder in FOLDERS:
+        with contextlib.suppress(OSError):  # it has files
+            folder.rmdir()
     _tell("interrupted")
     sys.stdout.flush()
     # Skips Python's shutdown, at which threads that still compile would crash.

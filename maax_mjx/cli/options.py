@@ -12,6 +12,7 @@ import maax_mjx as maax
 from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
 from maax_mjx.common.recorded import texts_of
+from maax_mjx.common.whole import FOLDERS
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks import is_in_a_file
 from maax_mjx.tasks.brought import is_same_game
@@ -163,8 +164,10 @@ def make_folder(path: Path) -> None:
     Raises:
         ValueError: the folder cannot be made.
     """
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
+        FOLDERS[:0] = new
     except OSError as error:
         raise ValueError(f"out: got {path}, where no folder can be made ({error.strerror}); takes another") from None
 

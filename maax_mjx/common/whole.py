@@ -10,6 +10,8 @@ from uuid import uuid4
 
 UNFINISHED: set[Path] = set()
 """Files that are being written, for an interrupt that ends the process to delete."""
+FOLDERS: list[Path] = []
+"""Folders that were made for files, the inner ones first, for such an interrupt to delete those without any."""
 
 
 @contextmanager

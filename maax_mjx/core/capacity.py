@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from math import ceil
 
@@ -113,15 +114,16 @@ def _check_quadrant(modules: Sequence[Module], grid_size: int, cell: float) -> N
     # Without a quadrant in the world, placement in the quadrant means anywhere.
     cells = min((m.quadrant_cells(grid_size) for m in modules if m.provides_quadrant), default=grid_size**2)
     inside = [
-        footprint_of(extent, cell)
+        (m, footprint_of(extent, cell))
         for m in modules
         if isinstance(m, Placed)
         for extent, fn in zip(m.extents, m.placement_fns, strict=True)
         if getattr(fn, "inside_quadrant", False)
     ]
-    taken = sum(width * depth for width, depth in inside)
+    taken = sum(width * depth for _, (width, depth) in inside)
     if taken > JAMMING * cells:
+        counts = ", ".join(f"{n} {kind}" for kind, n in Counter(_plural(m) for m, _ in inside).items())
         raise ValueError(
-            f"placement_fn: got {len(inside)} objects of {taken} cells in the quadrant; the smallest takes "
+            f"placement_fn: got {len(inside)} objects ({counts}) of {taken} cells in the quadrant; the smallest takes "
             f"{int(JAMMING * cells)}: of its {cells} cells random placement fills {JAMMING:.0%}"
         )

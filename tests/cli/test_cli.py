@@ -255,8 +255,8 @@ def test_an_interrupt_writes_what_was_done(tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_compilation(tmp_path):
-    """There is nothing to write yet: the process ends at once, without a traceback or a crash."""
-    process = started_rollout(tmp_path, "compiling")
+    """There is nothing to write yet: the process ends at once, without a traceback, a crash, or folders it made."""
+    process = started_rollout(tmp_path / "new" / "files", "compiling")
     time.sleep(1.5)
     assert process.poll() is None
     process.send_signal(signal.SIGINT)

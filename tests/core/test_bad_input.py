@@ -210,7 +210,7 @@ CONSTRUCTION = {
     "floor range": (lambda: Base(1, floor_size=(6.0, 4.0)), "floor_size: got (6.0, 4.0)", "low <= high"),
     "in the quadrant": (
         lambda: base(1, WallScenarios(), Boxes(20, maax.all_of(maax.quad_placement, maax.uniform_placement))),
-        "placement_fn: got 20 objects of 180 cells in the quadrant",
+        "placement_fn: got 20 objects (20 boxes) of 180 cells in the quadrant",
     ),
     "horizon": (lambda: standard(horizon=0), "horizon: got 0", ONE),
     "n_frames": (lambda: standard(n_frames=0), "n_frames: got 0", ONE),

@@ -258,7 +258,7 @@ def test_placements_by_name(scenario, named):
 
 
 def test_what_goes_into_the_quadrant_by_name_must_fit():
-    with pytest.raises(ValueError, match=r"placement_fn: got 30 objects of .* cells in the quadrant"):
+    with pytest.raises(ValueError, match=r"placement_fn: got 30 objects \(30 boxes\) of .* cells in the quadrant"):
         base("quad", maax.Boxes(30, placement_by_name("quad")))
     base("empty", maax.Boxes(30, placement_by_name("quad")))
 
