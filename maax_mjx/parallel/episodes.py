@@ -17,13 +17,15 @@ from maax_mjx.core.state import FIELDS, State, plain, summary
 
 LEAST_CHUNK, CHUNKS = 64, 16
 """Worlds per chunk in which next episodes are drawn: at least 64, and a sixteenth of the batch."""
+RESULTS = ("reward", "terminated", "truncated", "metrics", "params")
+"""Fields of a state that stay where an episode ends: what the step came to, and the ranges of the world."""
 
 
 class Upcoming(struct.PyTreeNode):
     """The beginnings of the next episodes, drawn ahead of time.
 
     Attributes:
-        state: the first states of the next episodes.
+        state: the first states of the next episodes, without `RESULTS`.
         stale: (n_worlds,) bool, whether a beginning is used up and must be drawn.
     """
 
@@ -116,7 +118,7 @@ def begin(
             "contact_overflow": zeros,
         },
         seed=seed,
-        upcoming=Upcoming(state=without_engine(second), stale=jnp.zeros(n, bool)),
+        upcoming=Upcoming(state=beginning(second), stale=jnp.zeros(n, bool)),
     )
 
 
@@ -182,7 +184,7 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
         picked_rank, picked = jax.lax.top_k(rank, chunk)
         keys = _episode_key(states.seed[picked], states.counts["episodes"][picked] + 1)
         params = jax.tree.map(lambda x: x[picked], states.params)
-        drawn = without_engine(jax.vmap(env.reset)(keys, params))
+        drawn = beginning(jax.vmap(env.reset)(keys, params))
         # Worlds that only fill up the chunk are not stale and keep their beginnings.
         target = jnp.where(picked_rank > 0, picked, n)
         source = jnp.full(n, -1).at[target].set(jnp.arange(chunk), mode="drop")
@@ -195,23 +197,17 @@ def _draw_next(env: Environment, upcoming: Upcoming, states: WorldsState, urgent
 
 def _with_visited(drawn: State, stepped: State, visited: Visited) -> State:
     """Returns beginnings, visited ones where they are taken, which go on with the world's own key."""
-    given = without_engine(plain(visited.state))
+    given = beginning(plain(visited.state))
     rows = jax.tree.map(lambda x: x[visited.index], given).replace(key=stepped.key)
     return jax.tree.map(partial(_where, visited.taken), rows, drawn)
 
 
 def _merge(env: Environment, stepped: State, fresh: State, done: jax.Array) -> State:
     """Returns `stepped`, with the next episode's beginning where one is done; the step's results stay."""
-    merged = jax.tree.map(partial(_where, done), fresh, without_engine(stepped))
+    merged = jax.tree.map(partial(_where, done), fresh, beginning(stepped))
     engine = jax.vmap(env.base.engine.renew)(stepped.data.engine, done)
-    return merged.replace(
-        data=merged.data.replace(engine=engine),
-        reward=stepped.reward,
-        terminated=stepped.terminated,
-        truncated=stepped.truncated,
-        metrics=stepped.metrics,
-        params=stepped.params,
-    )
+    results = {name: getattr(stepped, name) for name in RESULTS}
+    return merged.replace(data=merged.data.replace(engine=engine), **results)
 
 
 def _where(worlds: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
@@ -230,3 +226,8 @@ def _episode_key(seed: jax.Array, episode: jax.Array) -> jax.Array:
 def without_engine(state: State) -> State:
     """Removes what an engine carries: it belongs to the running batch and is never part of a stored world."""
     return state.replace(data=state.data.replace(engine=()))
+
+
+def beginning(state: State) -> State:
+    """Returns what an episode begins with: a stored world without a step's results, which every step would copy."""
+    return without_engine(state).replace(**dict.fromkeys(RESULTS, ()))

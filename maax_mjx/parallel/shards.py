@@ -85,7 +85,7 @@ class Shards:
                 specs = tuple(_spec(axis) for axis in (0, *in_axes))
                 outs = tuple(_spec(axis) for axis in out_axes) if isinstance(out_axes, tuple) else _spec(out_axes)
                 function = jax.shard_map(function, mesh=self.mesh, in_specs=specs, out_specs=outs, check_vma=False)
-            mapped = jax.jit(function, donate_argnums=donate)
+            mapped = jax.jit(function, **_reusing(donate))
             if options:
                 mapped = _with_options(function, mapped, donate, options)
         return partial(mapped, index)
@@ -136,9 +136,18 @@ def _avoid_crash(devices: Sequence[jax.Device]) -> None:
         jax.config.update("jax_use_shardy_partitioner", False)
 
 
+def _reusing(donate: tuple[int, ...]) -> dict[str, Any]:
+    """Arguments of `jax.jit` for a program that reuses the memory of some arguments.
+
+    Arrays that it does not read are kept among them: JAX gives an output the memory of the next argument of its shape,
+    which is the array that it replaces only where none is missing. Else most of a batch's state was copied every step.
+    """
+    return {"donate_argnums": donate, "keep_unused": bool(donate)}
+
+
 def _with_options(function: Callable, plain: Callable, donate: tuple[int, ...], options: Mapping[str, Any]) -> Callable:
     """Returns the function compiled with options; inside other compiled code, where JAX allows none, the plain one."""
-    quick = jax.jit(function, donate_argnums=donate, compiler_options=dict(options))
+    quick = jax.jit(function, **_reusing(donate), compiler_options=dict(options))
     return lambda *args: (plain if is_traced(args) else quick)(*args)
 
 

@@ -11,7 +11,7 @@ from flax import struct
 from maax_mjx.common.keys import as_key, keyless, named_key
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import plain
-from maax_mjx.parallel.episodes import Visited, WorldsState, without_engine
+from maax_mjx.parallel.episodes import Visited, WorldsState, beginning
 
 CHOICE = 4
 """States that are looked at for one that is kept."""
@@ -50,7 +50,7 @@ class Archive(struct.PyTreeNode):
         index = jnp.minimum((draws[:, 0] * n).astype(jnp.int32), jnp.maximum(n - 1, 0))
         # Archives of several devices that became one have gaps until they are full.
         index = jnp.argsort(~self.there)[index]
-        state = jax.tree.map(as_key, self.state, without_engine(plain(states)))
+        state = jax.tree.map(as_key, self.state, beginning(plain(states)))
         return Visited(state, index, (draws[:, 1] < share) & (n > 0))
 
     def kept(self, candidates: Any, score: jax.Array, n_new: int, key: jax.Array) -> Archive:
@@ -98,4 +98,4 @@ def surprise(gain: jax.Array, counts: jax.Array) -> jax.Array:
 
 
 def _stored(states: Any) -> Any:
-    return keyless(without_engine(plain(states)))
+    return keyless(beginning(plain(states)))

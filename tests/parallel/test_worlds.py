@@ -14,6 +14,7 @@ from helpers import seeds
 
 from maax_mjx import Agents, Base, Boxes, State, WallScenarios, Worlds, WorldsState, to_mjcf
 from maax_mjx.parallel.memory import check_memory
+from maax_mjx.parallel.shards import Shards
 
 N, FEW, HORIZON = 24, 12, 5
 STEPS = 3 * HORIZON
@@ -418,3 +419,13 @@ def test_memory_is_that_of_all_devices_of_which_a_process_asks_its_own(env):
     check_memory("n_worlds", env, 1_000, [other, own])
     with pytest.raises(ValueError, match="would fill the memory of 2 GB"):
         check_memory("n_worlds", env, 10**8, [other, own])
+
+
+@pytest.mark.parametrize("method", ["jit", "shard_map"])
+def test_what_is_donated_is_replaced_in_its_own_place(method):
+    """Read or not: an output in the memory of another array would have to wait for a copy of that."""
+    step = Shards(4, method=method).compile(lambda _, x: {"new": 2 * x["old"], "old": x["old"]}, (0,), donate=(0,))
+    index = step.args[0]
+    program = step.func.lower(index, {"new": jnp.zeros(4), "old": jnp.ones(4)}).compile().as_text()
+    assert "copy(" not in program
+    assert program.count("may-alias") == 2
