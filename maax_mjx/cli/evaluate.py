@@ -12,7 +12,7 @@ import tyro
 from maax_mjx import training
 from maax_mjx.cli.interrupt import Interrupt
 from maax_mjx.cli.options import Seed, names, values_of
-from maax_mjx.common.annotated import PositiveCount, check_fields
+from maax_mjx.common.annotated import Bounds, check_fields
 from maax_mjx.physics import impls
 
 
@@ -28,7 +28,7 @@ class Evaluate:
     """A policy: its file, the folder of a run, or the name of one that comes with the package, quadrant/forts."""
     against: tuple[str, ...] = ("random",)
     """Opponents: self, files, names such as quadrant/chase, folders, a run's past as in runs/x@50M, or scripts."""
-    episodes: PositiveCount = 1024
+    episodes: Annotated[int, Bounds(2)] = 1024
     """Episodes of every match, each in a world of its own."""
     seed: Seed = 0
     """Seed of the worlds and the actions."""

@@ -60,7 +60,7 @@ class Interrupt:
                 _leave()
             self.asked, first = True, time.monotonic()
             _tell(
-                "interrupted: ends the step and writes what was done, which takes some seconds; "
+                "interrupted: ends what is being computed and writes what was done, which takes some seconds; "
                 "Ctrl-C again leaves without the rest"
             )
         self._ear.close()

@@ -102,7 +102,8 @@ def _rollout(
     args: Rollout, overrides: Mapping[str, str], player: TrainedPolicy | Scripted | None, interrupt: Interrupt
 ) -> dict[str, Any]:
     env = make_env(args.env, args.impl, overrides)
-    policy = _without_memory(player, env) if isinstance(player, Scripted) else player
+    if player is not None:
+        player.on(env)  # which refuses a game that it cannot play
     check_memory("worlds", env, args.worlds, jax.devices()[:1])
     make_folder(args.out)
     worlds = Worlds(env, args.worlds, keep_faults=args.keep_faults)
@@ -111,7 +112,7 @@ def _rollout(
     start, has_ends = time.perf_counter(), env.base.horizon is not None
     states = worlds.reset(world_key, stagger=has_ends)
     first = [world_of(states, i) for i in range(min(SHEET, args.worlds))]
-    advance = _advance(worlds, action_key) if policy is None else _play(worlds, policy, action_key)
+    advance = _advance(worlds, action_key) if player is None else _play(worlds, player, action_key)
     every = min(args.steps, max(1, round(1 / (FPS * env.base.dt))))
     for n in {every, args.steps % every} - {0}:  # a policy's rollout is compiled for a number of steps
         states, _ = advance(states, 0, n)
@@ -146,8 +147,6 @@ Advance = Callable[[WorldsState, int, int], tuple[WorldsState, Ended]]
 KEPT = ("terminated", "truncated", "active", "episode_return", "episode_length")
 """What a policy's rollout keeps of every step."""
 _sums = jax.jit(Ended.of)
-Policy = Callable[[maax.State, jax.Array], dict[str, jax.Array]]
-"""`(state, key) -> action`, of one world."""
 
 
 def _advance(worlds: Worlds, key: jax.Array) -> Advance:
@@ -169,23 +168,13 @@ def _advance(worlds: Worlds, key: jax.Array) -> Advance:
     return lambda states, done, n: compiled(states, jax.random.fold_in(key, done // HOLD), jnp.asarray(n))
 
 
-def _without_memory(player: Scripted, env: Environment) -> Policy:
-    """Returns a scripted player as a policy of `Worlds.rollout`.
-
-    Raises:
-        ValueError: a game that it cannot play.
-    """
-    play = player.on(env)
-    return lambda state, key: play(state, key, (), ())[0]
-
-
-def _play(worlds: Worlds, policy: TrainedPolicy | Policy, key: jax.Array) -> Advance:
-    """Steps under a policy, whose memory goes on from call to call."""
+def _play(worlds: Worlds, player: TrainedPolicy | Scripted, key: jax.Array) -> Advance:
+    """Steps under a player, whose memory goes on from call to call."""
     memory: list[Any] = [None]
 
     def advance(states: WorldsState, done: int, n: int) -> tuple[WorldsState, Ended]:
         now = None if done == 0 else memory[0]
-        states, kept = worlds.rollout(states, policy, n, key=jax.random.fold_in(key, done), keep=KEPT, memory=now)
+        states, kept = worlds.rollout(states, player, n, key=jax.random.fold_in(key, done), keep=KEPT, memory=now)
         memory[0] = kept.get("memory")
         return states, _sums(kept["terminated"] | kept["truncated"], *(kept[name] for name in KEPT[2:]))
 

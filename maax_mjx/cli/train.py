@@ -110,7 +110,8 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             **{name: value_of(text) for name, text in args.settings.items()},
             **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
         )
-
+        if trainer.changed:
+            print(f"maax-mjx: the run goes on with {trainer.changed}", file=sys.stderr)
         if trainer.goes_on_in_new_worlds:
             print(
                 f"maax-mjx: {SAVES}/ has no save of the last policy: what was learnt goes on, in new worlds",

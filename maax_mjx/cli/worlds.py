@@ -13,6 +13,7 @@ import tyro
 import maax_mjx as maax
 from maax_mjx.cli.options import Seed, check_out, count_of, game_names, make_env, make_folder, report
 from maax_mjx.common.annotated import PositiveCount, check_fields
+from maax_mjx.common.checks import check_choice
 from maax_mjx.common.runtime import quick_on_cpu
 from maax_mjx.common.whole import whole
 from maax_mjx.core.blame import blame
@@ -145,7 +146,8 @@ def parse_placement(text: str) -> PlacementFn:
         "proximity": lambda radius, to: maax.proximity_placement(float(radius), to),
         "room": lambda index: maax.room_placement(int(index)),
     }
+    check_choice("placement", name, made)
     try:
         return made[name](*values)
-    except (KeyError, TypeError, ValueError):
+    except (TypeError, ValueError):
         raise ValueError(f"placement: got {text!r}; see maax-mjx worlds --help for what {name!r} takes") from None

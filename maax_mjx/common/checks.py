@@ -131,23 +131,39 @@ def check_path(name: str, value: Any, endings: Sequence[str]) -> Path:
 def check_per_object(name: str, value: Callable | Sequence[Callable], n: int) -> list[Callable]:
     """Returns a list of `n` functions, one per object, from one function for all or such a list."""
     if not callable(value) and (not isinstance(value, Sequence) or isinstance(value, str)):
-        raise ValueError(f"{name}: got {value!r}; takes a function (layout, cells) -> weights, or a list of {n}")
+        such = ", such as maax.uniform_placement," if isinstance(value, str) else ","
+        raise ValueError(f"{name}: got {value!r}; takes a function (layout, cells) -> weights{such} or a list of {n}")
     fns = [value] * n if callable(value) else list(value)
     if len(fns) != n:
         raise ValueError(f"{name}: got a list of {len(fns)}; takes one function, or a list of {n}, one per object")
     for fn in fns:
         if not callable(fn):
             raise ValueError(f"{name}: got {fn!r}; takes a function (layout, cells) -> weights")
-        try:
-            inspect.signature(fn).bind("layout", "cells")
-        except TypeError as error:
-            mine = getattr(fn, "__name__", type(fn).__name__)
-            raise ValueError(
-                f"{name}: got {mine}{inspect.signature(fn)}; takes a function (layout, cells) -> weights: {error}"
-            ) from None
-        except ValueError:
-            pass  # A builtin function, which has no signature.
+        check_takes(name, fn, ("layout", "cells"), "weights")
     return fns
+
+
+def check_takes(name: str, fn: Callable, takes: tuple[str, ...], gives: str) -> None:
+    """Refuses a function that cannot be called with some arguments.
+
+    Args:
+        name: of the argument, for messages.
+        fn: the function.
+        takes: the names of what it is called with.
+        gives: what it returns, in a word.
+
+    Raises:
+        ValueError: such a function.
+    """
+    try:
+        inspect.signature(fn).bind(*takes)
+    except TypeError as error:
+        mine = getattr(fn, "__name__", type(fn).__name__)
+        raise ValueError(
+            f"{name}: got {mine}{inspect.signature(fn)}; takes a function ({', '.join(takes)}) -> {gives}: {error}"
+        ) from None
+    except ValueError:
+        pass  # A builtin function, which has no signature.
 
 
 def check_not_donated(states: Any) -> None:

@@ -48,7 +48,8 @@ def check_rooms(module: Placed, before: Sequence[Module]) -> None:
     for name, fn in zip(module.names, module.placement_fns, strict=True):
         if rooms_of(fn) > most:
             raise ValueError(
-                f"placement_fn: got {name_of(fn)} for {name}; worlds of this environment have {most} rooms at most"
+                f"placement_fn: got {name_of(fn)} for {name}; worlds of this environment have {most} "
+                f"room{'s' * (most != 1)} at most"
             )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import jax
 
-from maax_mjx.common.checks import check_bool, check_choice, check_count, check_new_name
+from maax_mjx.common.checks import check_bool, check_choice, check_count, check_new_name, check_takes
 from maax_mjx.layout.fixed_rooms import LARGEST, SMALLEST, SPLITS, empty, half, quad, tri, var_quad
 from maax_mjx.layout.random_rooms import RandomRooms
 from maax_mjx.layout.rooms import Rooms
@@ -85,6 +85,7 @@ def register_scenario(
     n_walls, n_rooms = check_count("n_walls", n_walls), check_count("n_rooms", n_rooms, minimum=1)
     if not callable(draw):
         raise ValueError(f"draw: got {draw!r}; takes a function (key, grid_size) -> Rooms")
+    check_takes("draw", draw, ("key", "grid_size"), "Rooms")
     cells = {
         "shortest_wall": shortest_wall,
         "narrowest_room": narrowest_room,

@@ -47,8 +47,8 @@ class Sites(Placed):
         super().__init__(count, placement_fn)
         rgba = np.asarray(getattr(self, "rgba", ()), float)
         if rgba.shape != (4,):
-            got = getattr(self, "rgba", "none")
-            raise ValueError(f"rgba: {type(self).__name__} has {got!r}; takes four numbers in [0, 1], in the class")
+            got = repr(self.rgba) if hasattr(self, "rgba") else "none"
+            raise ValueError(f"rgba: {type(self).__name__} has {got}; takes four numbers in [0, 1], set in the class")
         self.extent = np.asarray(extent, np.float32)
         if self.extent.shape != (3,) or not (self.extent > 0).all():
             raise ValueError(f"extent: got {extent!r}; takes three positive numbers, in metres")

@@ -46,9 +46,20 @@ class Player(Protocol):
         """
 
 
-def is_player(policy: Any) -> TypeGuard[Player]:
-    """Whether a policy brings parameters and a memory of its own."""
-    return all(hasattr(policy, name) for name in ("play", "params", "memory", "on"))
+class Playable(Protocol):
+    """What becomes a player of an environment, such as one of `maax_mjx.training.SCRIPTED`."""
+
+    def on(self, env: Environment) -> Player:
+        """Returns it as it plays an environment.
+
+        Raises:
+            ValueError: an environment that it cannot play.
+        """
+
+
+def is_player(policy: Any) -> TypeGuard[Playable]:
+    """Whether a policy becomes a player of an environment, with parameters and a memory of its own."""
+    return callable(getattr(policy, "on", None))
 
 
 class Decision(NamedTuple):
@@ -78,7 +89,8 @@ def check_policy(policy: Any, with_memory: bool, args: tuple[Any, ...]) -> None:
     """
     called = ("state", "key", *(("memory",) if with_memory else ()), *(f"args[{i}]" for i in range(len(args))))
     if not callable(policy):
-        trained = ", or a trained policy: training.Policy.load(name)" if isinstance(policy, str) else ""
+        known = "training.Policy.load(name) or training.SCRIPTED[name]"
+        trained = f", or a player: {known}" if isinstance(policy, str) else ""
         raise ValueError(f"policy: got {described(policy)}; takes a function of ({', '.join(called)}){trained}")
     try:
         signature = inspect.signature(policy)

@@ -23,7 +23,7 @@ from maax_mjx.core.state import check_fits
 from maax_mjx.parallel.episodes import Visited, WorldsState, advance, begin, stale_under
 from maax_mjx.parallel.faults import FaultKeeper
 from maax_mjx.parallel.memory import check_memory
-from maax_mjx.parallel.policy import Player, Policy, check_policy, is_player
+from maax_mjx.parallel.policy import Playable, Policy, check_policy, is_player
 from maax_mjx.parallel.rollout import check_keep, unroll
 from maax_mjx.parallel.shards import Devices, Shards
 
@@ -153,7 +153,7 @@ class Worlds:
     def rollout(
         self,
         states: WorldsState,
-        policy: Policy | Player,
+        policy: Policy | Playable,
         n_steps: int,
         *args: Any,
         key: jax.Array | None = None,

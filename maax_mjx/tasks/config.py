@@ -78,6 +78,9 @@ def override(config: C, overrides: Mapping[str, Any], where: str, path: str = ""
             raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
         if dot:
             value = override(inner, {rest: value}, f"{where}, {head}", f"{path}{head}.")
+        elif is_dataclass(inner) and isinstance(value, Mapping):
+            names = {f"{path}{name}.{field}": x for field, x in value.items()}
+            raise ValueError(f"{path}{name}: got a dict; takes a {type(inner).__name__}, or fields by name: **{names}")
         else:
             check_value(path + name, value, field_kinds(type(config))[name])
         config = replace(config, **{head: value})  # type: ignore[type-var]

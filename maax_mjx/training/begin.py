@@ -14,7 +14,7 @@ from maax_mjx.common.checks import described
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import field_names
-from maax_mjx.training.config import TrainConfig, VisitedConfig
+from maax_mjx.training.config import GROUPS, TrainConfig, VisitedConfig
 from maax_mjx.training.folder import RUN, Folder
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
@@ -117,6 +117,26 @@ def check_same_visited(folder: Folder, visited: VisitedConfig) -> None:
             f"visited: got share={visited.share}, size={visited.size} for {folder.path}, whose save has visited states "
             f"of share={was.share}, size={was.size}; takes the same, or a new run that begins with its policy (--from)"
         )
+
+
+def changed_settings(was: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Returns settings that a run had and has, by dotted name, of those that differ.
+
+    Settings that there were not yet when the run began are left out.
+    """
+    before, after = _by_dotted_name(was), _by_dotted_name(now)
+    names = (name for name in after if name in before and before[name] != after[name])
+    return {name: (before[name], after[name]) for name in names}
+
+
+def _by_dotted_name(settings: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        if name in GROUPS and isinstance(value, Mapping):
+            found |= {f"{name}.{inner}": x for inner, x in value.items()}
+        else:
+            found[name] = value
+    return found
 
 
 def _other(name: str, was: Any, now: Any) -> str:

@@ -369,13 +369,19 @@ def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str
         opponent=opponent,
         episodes=int(whole.sum()),
         score=estimate(ours[whole]),
-        won=estimate(won[whole]),
+        won=_share(won[whole]),
         metrics={name: estimate(x[whole]) for name, x in played.metrics.items()},
     )
 
 
 def _mean(x: np.ndarray, where: np.ndarray) -> np.ndarray:
     return np.where(where, x, 0.0).sum(axis=1) / np.maximum(where.sum(axis=1), 1)
+
+
+def _share(won: np.ndarray) -> Estimate:
+    """Returns the mean of shares (n,), with the rule of three where all are equal: 3 in n may still be otherwise."""
+    found = estimate(won)
+    return found._replace(margin=3 / max(len(won), 3)) if found.margin == 0 else found
 
 
 def estimate(values: np.ndarray) -> Estimate:

@@ -113,6 +113,12 @@ class Folder:
             part.write_text(json.dumps(about, indent=1) + "\n")
 
     @by_the_first
+    def go_on(self, settings: Mapping[str, Any], change: Mapping[str, Any]) -> None:
+        """Writes the settings with which the run goes on, and adds the change of them to the list of all."""
+        about = self.about()
+        self.describe(about | {"settings": settings, "changes": [*about.get("changes", []), change]})
+
+    @by_the_first
     def note(self, row: Mapping[str, Any]) -> None:
         """Appends a row to the metrics."""
         plain = {name: _plain(value) for name, value in row.items()}

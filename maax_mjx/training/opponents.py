@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -33,8 +33,8 @@ class Scripted:
     script: Script
     check: Callable[[Environment], None] = lambda env: None
 
-    def on(self, env: Environment) -> Callable[..., Any]:
-        """Returns it as a player of an environment, `(state, key, memory, params) -> (action, memory)`.
+    def on(self, env: Environment) -> ScriptedPlay:
+        """Returns it as a player of an environment, as `Worlds.rollout` and `record` take it, too.
 
         Raises:
             ValueError: an environment that it cannot play.
@@ -45,10 +45,28 @@ class Scripted:
 
 @dataclass(frozen=True)
 class ScriptedPlay:
-    """A script in an environment, as a function of one world; equal ones compile once."""
+    """A script in an environment, as a function of one world, `(state, key, memory, params) -> (action, memory)`.
+
+    Equal ones compile once. It has no parameters and no memory.
+    """
 
     script: Script
     env: Environment
+
+    params: ClassVar[tuple[()]] = ()
+
+    @property
+    def play(self) -> ScriptedPlay:
+        """Itself."""
+        return self
+
+    def memory(self, n_worlds: int) -> tuple[()]:
+        """Nothing."""
+        return ()
+
+    def on(self, env: Environment) -> ScriptedPlay:
+        """The same script in another environment."""
+        return ScriptedPlay(self.script, env)
 
     def __call__(self, state: State, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
         return self.script(self.env, state, key), memory

@@ -47,7 +47,7 @@ class Rating(NamedTuple):
     margin: float
 
     def __str__(self) -> str:
-        return f"{self.points:+.0f} ± {self.margin:.0f}"
+        return f"{round(self.points):+d} ± {self.margin:.0f}"
 
 
 def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:

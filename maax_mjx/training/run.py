@@ -20,7 +20,14 @@ from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
-from maax_mjx.training.begin import check_same, check_same_visited, environment_of, preset_in, taken_over
+from maax_mjx.training.begin import (
+    changed_settings,
+    check_same,
+    check_same_visited,
+    environment_of,
+    preset_in,
+    taken_over,
+)
 from maax_mjx.training.collect import Remembered
 from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
@@ -71,7 +78,11 @@ class Run(NamedTuple):
 
 
 class Trainer:
-    """A run that is ready to begin or go on; the arguments are those of `train`."""
+    """A run that is ready to begin or go on; the arguments are those of `train`.
+
+    Attributes:
+        changed: the settings with which it goes on that are not those it had, in words; empty without.
+    """
 
     def __init__(
         self,
@@ -112,6 +123,7 @@ class Trainer:
         )
         self.learner = new_learner(weights, self.config)
         self.memory: Any = None
+        self.changed = ""
         # After all that is refused, so that a refusal leaves no folder behind.
         self.folder = Folder(folder, self.config.tensorboard)
         self.folder.claim()
@@ -129,6 +141,7 @@ class Trainer:
         if self.folder.found:
             check_same(self.folder, about)
             self._restore()
+            self._change(settings)
         else:
             begun_from = (
                 {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
@@ -251,6 +264,14 @@ class Trainer:
             if jnp.issubdtype(x.dtype, jnp.floating) and not bool(jnp.isfinite(x).all()):
                 return jax.tree_util.keystr(path, simple=True, separator=".")
         return "the gradient"
+
+    def _change(self, settings: Mapping[str, Any]) -> None:
+        """Notes settings with which the run goes on that are not those it had."""
+        found = changed_settings(self.folder.about()["settings"], settings)
+        if found:
+            self.changed = "; ".join(f"{name}={now}, not {was}" for name, (was, now) in found.items())
+            now = {name: now for name, (_, now) in found.items()}
+            self.folder.go_on(settings, {"iteration": self.iteration, "steps": self.steps, "settings": now})
 
     def _fresh_memory(self) -> Remembered:
         """What is remembered at the beginning, on the worlds' devices."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,9 @@ def train(
     Returns:
         The run's folder and its policy.
 
+    Warns:
+        UserWarning: a run that goes on with other settings than it had; `run.json` lists the changes.
+
     Raises:
         ValueError: an unknown preset or setting, a folder with another run or one that another process trains,
             minibatches that do not divide, or an environment that networks cannot read.
@@ -80,6 +84,8 @@ def train(
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
     )  # fmt: skip
+    if trainer.changed:
+        warnings.warn(f"train: the run goes on with {trainer.changed}", stacklevel=2)
     if not bar:
         return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 from matplotlib.patheffects import withStroke
 
@@ -97,7 +98,8 @@ def contact_sheet(
     """
     columns = min(4, len(states))
     rows = -(-len(states) // columns)
-    figure = Figure(figsize=(3 * columns, 3.15 * rows), layout="constrained")
+    # With inches above, or titles touch the edge.
+    figure = Figure(figsize=(3 * columns, 3.15 * rows), layout=ConstrainedLayoutEngine(h_pad=0.1))
     FigureCanvasAgg(figure)
     for i, state in enumerate(states):
         ax = figure.add_subplot(rows, columns, i + 1)

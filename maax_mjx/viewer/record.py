@@ -8,7 +8,7 @@ import jax
 
 from maax_mjx.common.checks import check_count, check_key
 from maax_mjx.parallel import Recording, Worlds, WorldsState
-from maax_mjx.parallel.policy import Player, Policy
+from maax_mjx.parallel.policy import Playable, Policy
 from maax_mjx.viewer.film import Picked, chosen_worlds, select_worlds
 
 FPS = 30
@@ -17,7 +17,7 @@ FPS = 30
 def record(
     worlds: Worlds,
     states: WorldsState,
-    policy: Policy | Player,
+    policy: Policy | Playable,
     n_steps: int,
     *args: Any,
     show: Picked = None,

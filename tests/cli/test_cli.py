@@ -188,6 +188,8 @@ def test_replay(played, kind, capsys):
         (["rollout", "--seed=-1"], "seed: got -1; takes a whole number in [0, 9223372036854775807]"),
         (["worlds", "--seed", "99999999999999999999999"], "seed: got 99999999999999999999999"),
         (["worlds", "--placement"], "placement: got no value"),
+        (["worlds", "--placement=middel:0.5"], "placement: got 'middel'; did you mean 'middle'"),
+        (["evaluate", "tag/runners", "--episodes=1"], "episodes: got 1; takes a whole number of at least 2"),
         (["worlds", "--scenario"], "scenario: got no value"),
         (["worlds", "--n=1000000000"], "n: got 1000000000"),
         (["worlds", "--n_agents=10000000000"], "n_agents: got 10000000000; takes a whole number"),

@@ -192,7 +192,7 @@ CONSTRUCTION = {
     "teams in a list": (lambda: Agents([2, 1]), "n_agents: got [2, 1]", "numbers by team"),
     "colour of a site": (
         lambda: Bare(1, (1, 1, 1), maax.uniform_placement, 0.1),
-        "rgba: Bare has 'none'",
+        "rgba: Bare has none",
         "four numbers",
     ),
     "extent of a site": (

@@ -58,7 +58,7 @@ def seen_at(driver, seconds):
     before = None
     for _ in range(40):
         time.sleep(0.4)
-        canvas = driver.find_element(By.TAG_NAME, "canvas")
+        canvas = WebDriverWait(driver, 60).until(lambda d: d.find_element(By.TAG_NAME, "canvas"))
         now = np.asarray(Image.open(io.BytesIO(canvas.screenshot_as_png)).convert("RGB"))
         if before is not None and now.shape == before.shape and now.std() > 3 and np.array_equal(now, before):
             return now

@@ -147,6 +147,7 @@ def test_doors_that_may_be_missing_have_a_mask():
         ({"name": "cross", "draw": lambda key, grid_size: cross(key, grid_size)}, "name: got 'cross'"),
         ({"name": 3}, "name: got 3"),
         ({"draw": "half"}, "draw: got 'half'; takes a function"),
+        ({"draw": lambda key: None}, r"draw: got <lambda>\(key\); takes a function \(key, grid_size\) -> Rooms"),
         ({"n_walls": -1}, "n_walls: got -1; takes a whole number of at least 0"),
         ({"n_rooms": 0}, "n_rooms: got 0; takes a whole number of at least 1"),
         ({"shortest_wall": 5}, "shortest_wall: got 5; takes a function"),

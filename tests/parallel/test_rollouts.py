@@ -18,6 +18,7 @@ import pytest
 from helpers import seeds
 
 import maax_mjx as maax
+from maax_mjx import training
 from maax_mjx.benchmarks import soak
 from maax_mjx.parallel import shards
 
@@ -52,6 +53,18 @@ def host(tree):
 def assert_same(a, b, exact=True):
     for x, y in zip(jax.tree.leaves(host(a)), jax.tree.leaves(host(b)), strict=True):
         np.testing.assert_array_equal(x, y) if exact else np.testing.assert_allclose(x, y, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_scripted_player_is_a_policy(worlds, start, env):
+    """Without parameters and memory, as a function of one world that plays the same."""
+    chase = training.SCRIPTED["chase"]
+    play = chase.on(env)
+    _, kept = worlds.rollout(start, chase, T, keep=("action",))
+    _, same = worlds.rollout(start, lambda state, key: play(state, key, (), ())[0], T, keep=("action",))
+    assert np.abs(kept["action"]["move"]).max() > 0.5
+    assert_same(kept["action"], same["action"])
+    assert chase.on(env) == play.on(env)
 
 
 @pytest.mark.slow
@@ -104,7 +117,7 @@ MISTAKES = {
     "array": (dict(keep=("reward.x",)), "there is an array without parts"),
     "steps": (dict(n_steps=0), "n_steps: got 0"),
     "policy": (dict(policy=3), "policy: got 3"),
-    "name of a policy": (dict(policy="chase"), "(state, key), or a trained policy: training.Policy.load(name)"),
+    "name of a policy": (dict(policy="chase"), "(state, key), or a player: training.Policy.load(name) or"),
     "action": (dict(policy=lambda state, key: {"move": jnp.zeros((3, 3))}), "'move' has shape (3, 3); takes (2, 3)"),
     "key": (dict(key=jnp.zeros(2, jnp.uint32)), "key: got an array of uint32"),
 }

@@ -7,7 +7,8 @@ import pytest
 from helpers import seeds
 from scipy.special import expit
 
-from maax_mjx.training.ratings import POINTS, Result, rate
+from maax_mjx.training.evaluate import _share, estimate
+from maax_mjx.training.ratings import POINTS, Rating, Result, rate
 
 TRUTH = {"self": 0.0, "weak": -350.0, "strong": 150.0, "equal": 0.0}
 SIDES = {"hiders": 120.0, "seekers": -120.0}
@@ -52,3 +53,10 @@ def test_who_never_wins_has_a_rating():
     assert found["other"].margin > 100
     with pytest.raises(ValueError, match=r"zero: got 'me'; takes one of \['other', 'self'\]"):
         rate([Result("self", "other", "hiders", 0.5, 10)], "me")
+
+
+def test_numbers_are_as_people_write_them():
+    """No minus before a zero, and an interval although everybody won."""
+    assert str(Rating(-0.3, 5.0)) == "+0 ± 5"
+    assert _share(np.ones(60)).margin == pytest.approx(0.05)
+    assert _share(np.array([0.0, 1.0, 1.0])).margin == estimate(np.array([0.0, 1.0, 1.0])).margin

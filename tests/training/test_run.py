@@ -121,6 +121,23 @@ def test_a_killed_run_goes_on_bit_for_bit(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
+    copy, was = shutil.copytree(run[1].folder, tmp_path / "run"), run[0].config.ppo.lr
+    same, other = {"tensorboard": True}, {"tensorboard": True, "ppo.lr": 0.5, "league.every": 3}
+    assert not trainer(copy, **same).changed
+    again = trainer(copy, **other)
+    assert again.changed == f"ppo.lr=0.5, not {was}; league.every=3, not 2"
+    about = again.folder.about()
+    assert about["settings"]["ppo"]["lr"] == 0.5
+    change = {"iteration": FEW, "steps": FEW * PER_ITERATION, "settings": {"ppo.lr": 0.5, "league.every": 3}}
+    assert about["changes"] == [change]
+    assert not trainer(copy, **other).changed
+    with pytest.warns(UserWarning, match=f"goes on with ppo.lr={was}, not 0.5; league.every=2, not 3"):
+        training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **(SMALL | same))
+    assert len(again.folder.about()["changes"]) == 2
+
+
+@pytest.mark.slow
 def test_a_damaged_save_is_named(run, tmp_path):
     """With what to do about it, whatever of it is missing."""
     copy = shutil.copytree(run[1].folder, tmp_path / "run")
