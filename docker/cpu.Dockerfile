@@ -9,7 +9,8 @@ COPY docker/constraints.txt constraints.txt
 COPY maax_mjx maax_mjx
 # hadolint ignore=DL3013
 RUN pip install --no-cache-dir -c constraints.txt ".[viewer]" \
-    && useradd --create-home --uid 1000 player
+    && useradd --create-home --uid 1000 player \
+    && mkdir /home/player/.cache && chown player: /home/player/.cache
 USER 1000
 WORKDIR /home/player
 ENTRYPOINT ["maax-mjx"]

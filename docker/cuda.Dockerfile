@@ -12,7 +12,8 @@ COPY maax_mjx maax_mjx
 RUN pip install --no-cache-dir -c constraints.txt ".[cuda,viewer]"
 # Warp takes memory beside JAX, which otherwise takes three quarters of the GPU's at its start.
 ENV XLA_PYTHON_CLIENT_MEM_FRACTION=0.6
-RUN useradd --create-home --uid 1000 player
+RUN useradd --create-home --uid 1000 player \
+    && mkdir /home/player/.cache && chown player: /home/player/.cache
 USER 1000
 WORKDIR /home/player
 ENTRYPOINT ["maax-mjx"]

@@ -114,7 +114,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             print(f"maax-mjx: the run goes on with {trainer.changed}", file=sys.stderr)
         if trainer.goes_on_in_new_worlds:
             print(
-                f"maax-mjx: {SAVES}/ has no save of the last policy: what was learnt goes on, in new worlds",
+                f"maax-mjx: {SAVES}/ has no save of the last policy that fits: what was learnt goes on, in new worlds",
                 file=sys.stderr,
             )
         made: list[training.Progress] = []

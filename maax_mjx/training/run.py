@@ -29,7 +29,7 @@ from maax_mjx.training.begin import (
     taken_over,
 )
 from maax_mjx.training.collect import Remembered
-from maax_mjx.training.config import check_divides
+from maax_mjx.training.config import LeagueConfig, check_divides
 from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.folder import POLICY, SAVES, Folder, settings_of
 from maax_mjx.training.league import League
@@ -275,17 +275,29 @@ class Trainer:
 
     def _fresh_memory(self) -> Remembered:
         """What is remembered at the beginning, on the worlds' devices."""
-        shards, league = self.worlds.shards, self.config.league
-        opponents: Any = ()
-        if league.share:
-            block = round(league.share * shards.per_device / league.groups)
-            opponents = self.network.memory(block * league.groups * len(shards.devices)).actor
         visited, n_worlds = self.config.visited, self.config.worlds
         archive: Any = Archive.empty(self.env, visited.size, n_worlds) if visited.share else ()
-        return Remembered(self.network.memory(n_worlds), opponents, archive)
+        return Remembered(self.network.memory(n_worlds), self._memory_of_opponents(self.config.league), archive)
+
+    def _memory_of_opponents(self, league: LeagueConfig) -> Any:
+        """What past opponents remember at the beginning, in all worlds in which they play."""
+        if not league.share:
+            return ()
+        shards = self.worlds.shards
+        block = round(league.share * shards.per_device / league.groups)
+        return self.network.memory(block * league.groups * len(shards.devices)).actor
+
+    def _same_opponents(self) -> bool:
+        """Whether past opponents play in as many worlds as when the run was saved, so that its memories fit."""
+        leagues = LeagueConfig(**self.folder.about()["settings"]["league"]), self.config.league
+        was, now = (jax.eval_shape(self._memory_of_opponents, league) for league in leagues)
+        return jax.tree.map(jnp.shape, was) == jax.tree.map(jnp.shape, now)
 
     def _restore(self) -> None:
-        """Takes over the newest save: the whole one with as many worlds, else what was learnt, with new worlds."""
+        """Takes over the newest save: the whole one with as many worlds and past opponents, else what was learnt.
+
+        Then with new worlds.
+        """
         policy = self.folder.path / POLICY
         if self.folder.has_no_save and policy.exists():
             steps = Policy.load(policy).steps
@@ -298,7 +310,7 @@ class Trainer:
         like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": _parts(memory)})
         small = self.folder.load_small(like["learner"])
         newest = -1 if small is None else small[1]["iteration"]
-        whole = saves.latest is not None and saves.latest >= newest
+        whole = saves.latest is not None and saves.latest >= newest and self._same_opponents()
         if whole and _readable(saves, lambda: saves.about()["n_worlds"]) == self.config.worlds:
             check_same_visited(self.folder, self.config.visited)
             self.states, found = _readable(saves, lambda: saves.restore(self.worlds, counts=_counts(0, 0.0), **like))

@@ -135,6 +135,10 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
     with pytest.warns(UserWarning, match=f"goes on with ppo.lr={was}, not 0.5; league.every=2, not 3"):
         training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **(SMALL | same))
     assert len(again.folder.about()["changes"]) == 2
+    # Whose memories would not fit: the worlds begin anew, and what was learnt goes on.
+    alone = trainer(copy, **same, **{"league.share": 0.0})
+    assert alone.goes_on_in_new_worlds
+    assert (alone.iteration, alone.steps) == (FEW, FEW * PER_ITERATION)
 
 
 @pytest.mark.slow
