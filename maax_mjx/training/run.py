@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -290,7 +290,7 @@ class Trainer:
     def _same_opponents(self) -> bool:
         """Whether past opponents play in as many worlds as when the run was saved, so that its memories fit."""
         leagues = LeagueConfig(**self.folder.about()["settings"]["league"]), self.config.league
-        was, now = (jax.eval_shape(self._memory_of_opponents, league) for league in leagues)
+        was, now = (jax.eval_shape(partial(self._memory_of_opponents, league)) for league in leagues)
         return jax.tree.map(jnp.shape, was) == jax.tree.map(jnp.shape, now)
 
     def _restore(self) -> None:
