@@ -124,6 +124,7 @@ class Trainer:
         self.learner = new_learner(weights, self.config)
         self.memory: Any = None
         self.changed = ""
+        self._change: dict[str, Any] | None = None
         # After all that is refused, so that a refusal leaves no folder behind.
         self.folder = Folder(folder, self.config.tensorboard)
         self.folder.claim()
@@ -141,7 +142,7 @@ class Trainer:
         if self.folder.found:
             check_same(self.folder, about)
             self._restore()
-            self._change(settings)
+            self._compare(settings)
         else:
             begun_from = (
                 {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
@@ -214,6 +215,9 @@ class Trainer:
             counts = _counts(self.steps, self.seconds)
             memory = _parts(self.memory)
             saves.save(self.iteration, self.worlds, self.states, learner=self.learner, memory=memory, counts=counts)
+        if self._change:  # with the first save: the folder's settings are those of what it goes on from
+            self.folder.go_on(settings_of(self.config), self._change)
+            self._change = None
         # Last: the newer of the two is what a run goes on from.
         self.folder.save_small(self.learner, self._counters())
 
@@ -265,13 +269,13 @@ class Trainer:
                 return jax.tree_util.keystr(path, simple=True, separator=".")
         return "the gradient"
 
-    def _change(self, settings: Mapping[str, Any]) -> None:
-        """Notes settings with which the run goes on that are not those it had."""
+    def _compare(self, settings: Mapping[str, Any]) -> None:
+        """Finds settings with which the run goes on that are not those it had."""
         found = changed_settings(self.folder.about()["settings"], settings)
         if found:
             self.changed = "; ".join(f"{name}={now}, not {was}" for name, (was, now) in found.items())
             now = {name: now for name, (_, now) in found.items()}
-            self.folder.go_on(settings, {"iteration": self.iteration, "steps": self.steps, "settings": now})
+            self._change = {"iteration": self.iteration, "steps": self.steps, "settings": now}
 
     def _fresh_memory(self) -> Remembered:
         """What is remembered at the beginning, on the worlds' devices."""
@@ -294,10 +298,7 @@ class Trainer:
         return jax.tree.map(jnp.shape, was) == jax.tree.map(jnp.shape, now)
 
     def _restore(self) -> None:
-        """Takes over the newest save: the whole one with as many worlds and past opponents, else what was learnt.
-
-        Then with new worlds.
-        """
+        """Takes over the newest save: all of it with as many worlds and past opponents, else only what was learnt."""
         policy = self.folder.path / POLICY
         if self.folder.has_no_save and policy.exists():
             steps = Policy.load(policy).steps

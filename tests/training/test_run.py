@@ -127,18 +127,27 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
     assert not trainer(copy, **same).changed
     again = trainer(copy, **other)
     assert again.changed == f"ppo.lr=0.5, not {was}; league.every=3, not 2"
+    again.save()
     about = again.folder.about()
     assert about["settings"]["ppo"]["lr"] == 0.5
     change = {"iteration": FEW, "steps": FEW * PER_ITERATION, "settings": {"ppo.lr": 0.5, "league.every": 3}}
     assert about["changes"] == [change]
     assert not trainer(copy, **other).changed
     with pytest.warns(UserWarning, match=f"goes on with ppo.lr={was}, not 0.5; league.every=2, not 3"):
-        training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **(SMALL | same))
+        training.train(echo(), copy, "laptop", N, steps=(FEW + 1) * PER_ITERATION, bar=False, **(SMALL | same))
     assert len(again.folder.about()["changes"]) == 2
     # Whose memories would not fit: the worlds begin anew, and what was learnt goes on.
     alone = trainer(copy, **same, **{"league.share": 0.0})
     assert alone.goes_on_in_new_worlds
-    assert (alone.iteration, alone.steps) == (FEW, FEW * PER_ITERATION)
+    assert (alone.iteration, alone.steps) == (FEW + 1, (FEW + 1) * PER_ITERATION)
+    # Nothing was saved with that: the whole save still fits what the folder says.
+    assert len(alone.folder.about()["changes"]) == 2
+    assert not trainer(copy, **same).goes_on_in_new_worlds
+    with pytest.warns(UserWarning, match="goes on with league.share"):
+        training.train(
+            echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **(SMALL | same), **{"league.share": 0.0}
+        )
+    assert not trainer(copy, **same).changed
 
 
 @pytest.mark.slow
