@@ -110,13 +110,6 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             **{name: value_of(text) for name, text in args.settings.items()},
             **{name: getattr(args, name) for name in KEPT if getattr(args, name) is not None},
         )
-        if trainer.changed:
-            print(f"maax-mjx: the run goes on with {trainer.changed}", file=sys.stderr)
-        if trainer.goes_on_in_new_worlds:
-            print(
-                f"maax-mjx: {SAVES}/ has no save of the last policy that fits: what was learnt goes on, in new worlds",
-                file=sys.stderr,
-            )
         made: list[training.Progress] = []
         recent: deque[training.Progress] = deque(maxlen=RECENT)
 
@@ -133,6 +126,8 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             )
             run = training.Run(trainer.folder.path, trainer.policy, None)
         else:
+            for sentence in trainer.news:
+                print(f"maax-mjx: {sentence}", file=sys.stderr)
             with training.Bar(minutes, args.steps) as bar:
                 run = trainer.run(minutes, args.steps, bar.of(trainer, on_iteration))
             _replay(trainer, run)
@@ -261,7 +256,8 @@ def _rows(result: Mapping[str, Any]) -> dict[str, str]:
     over = "the last iteration" if recent == 1 else f"the last {recent} iterations"
     if n:
         returns = [f"{key.removeprefix(RETURN)} {x + 0.0:+g}" for key, x in result.items() if key.startswith(RETURN)]
-        rows["mean return"] = f"{', '.join(returns)} for each agent, of the {n:,} episodes that ended in {over}"
+        ended = "the one episode" if n == 1 else f"the {n:,} episodes"
+        rows["mean return"] = f"{', '.join(returns)} for each agent, of {ended} that ended in {over}"
         if CAUGHT in result:
             rows["caught"] = f"in {result[CAUGHT]:g} of the steps after preparation, in these episodes"
     else:

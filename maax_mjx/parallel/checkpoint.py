@@ -191,6 +191,24 @@ class Checkpoints:
             states = _states_of(worlds, arrays)
         return states, {name: unboxed(found[name], tree) for name, tree in others.items()}
 
+    def fits(self, number: int | None = None, **others: Any) -> bool:
+        """Whether trees have the shapes of those in a save, so that `restore` reads them.
+
+        Args:
+            number: number of the save; None asks of the latest.
+            others: trees by the names of the save's other items.
+
+        Raises:
+            FileNotFoundError: no such save.
+            ValueError: a damaged save.
+        """
+        number = self._found(number)
+        check_others(others)
+        return all(
+            (self.folder / str(number) / name).is_dir() and self._difference(name, tree, number) is None
+            for name, tree in boxed(others).items()
+        )
+
     def _found(self, number: int | None) -> int:
         """Returns the number of a save, the latest if None.
 
@@ -257,6 +275,16 @@ class Checkpoints:
 
     def _check_shapes(self, name: str, tree: Any, number: int) -> None:
         """Refuses a tree whose arrays the save has not, or of other shapes."""
+        if found := self._difference(name, tree, number):
+            at, here, there = found
+            inside = at.removeprefix(BOX).removeprefix(".")
+            raise ValueError(
+                f"others: got {name!r} with {f'{inside} of ' if inside else ''}shape {here}, and save {number} of "
+                f"{self.folder} has {there}; takes a tree like the one that was saved"
+            )
+
+    def _difference(self, name: str, tree: Any, number: int) -> tuple[str, Any, Any] | None:
+        """Returns the first array whose shapes differ: its name, its shape in the tree and that in the save."""
         item = self.folder / str(number) / name
         saved, wanted = (
             {
@@ -268,11 +296,8 @@ class Checkpoints:
         for at in (*wanted, *saved):
             here, there = (shapes.get(at, "none") for shapes in (wanted, saved))
             if here != there:
-                inside = at.removeprefix(BOX).removeprefix(".")
-                raise ValueError(
-                    f"others: got {name!r} with {f'{inside} of ' if inside else ''}shape {here}, and save {number} of "
-                    f"{self.folder} has {there}; takes a tree like the one that was saved"
-                )
+                return at, here, there
+        return None
 
     def _check_same(
         self, wanted: dict[str, Any], saved: dict[str, tuple[int, ...]], worlds: Worlds, number: int, resized: bool

@@ -59,7 +59,8 @@ class Playable(Protocol):
 
 def is_player(policy: Any) -> TypeGuard[Playable]:
     """Whether a policy becomes a player of an environment, with parameters and a memory of its own."""
-    return callable(getattr(policy, "on", None))
+    # A function or an object of one's own that is called may have a method of this name for something else.
+    return callable(getattr(policy, "on", None)) and (hasattr(policy, "play") or not callable(policy))
 
 
 class Decision(NamedTuple):

@@ -168,7 +168,8 @@ class Worlds:
             policy: `policy(state, key, *args) -> action` for one world: its `State`, a key for this world and step, and
                 `args`; with a memory `policy(state, key, memory, *args) -> (action, memory)`. It may also return a dict
                 of arrays, last: `(action, extras)`, `(action, memory, extras)`. Pass the same function again, or it is
-                compiled again. A trained policy (`maax_mjx.training.Policy`) brings its parameters and its memory.
+                compiled again. A trained policy (`maax_mjx.training.Policy`) and a scripted player
+                (`maax_mjx.training.SCRIPTED["chase"]`) bring their parameters and their memory.
             n_steps: number of env steps.
             args: further arguments of the policy, such as a network's parameters; arrays, which may change from call to
                 call.
@@ -199,7 +200,8 @@ class Worlds:
         if is_player(policy):
             player = policy.on(self.env)
             policy, args = player.play, (player.params, *args)
-            memory = self.shards.put(player.memory(self.n_worlds)) if memory is None else memory
+            begun = player.memory(self.n_worlds)
+            memory = self.shards.put(begun) if memory is None else self._same_memory(memory, begun)
         if not isinstance(per_world, tuple):
             raise ValueError(f"per_world: got {described(per_world)}; takes a tuple of trees of arrays")
         check_policy(policy, memory is not None, (*args, *per_world))
@@ -319,6 +321,15 @@ class Worlds:
                 "own, or those that `remembering` makes of others"
             )
         check_fits(states, self.env.state_shape, leading=len(self.shape))
+
+    def _same_memory(self, memory: Any, begun: Any) -> Any:
+        """Returns a player's memory, which is refused unless it has the shapes of the one that it begins with."""
+        got, takes = jax.tree.map(jnp.shape, memory), jax.tree.map(lambda x: (*self.shape, *x.shape[1:]), begun)
+        if got != takes:
+            raise ValueError(
+                f"memory: got shapes {got}; takes {takes}, such as an earlier rollout of the player returned, or None"
+            )
+        return memory
 
     def _check_rows(self, name: str, tree: Any) -> None:
         """Refuses arrays without the batch's leading axes."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 
 from maax_mjx.common.annotated import check_fields
-from maax_mjx.common.checks import check_choice, check_new_name, is_traced
+from maax_mjx.common.checks import check_choice, check_new_name, check_takes, is_traced
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.runtime import no_collection
 from maax_mjx.core.env import Environment, Made
@@ -119,12 +119,13 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
             against the annotations.
 
     Raises:
-        ValueError: a name that is taken, a config that is not such a class, or defaults that its annotations do not
-            allow.
+        ValueError: a name that is taken, a function that takes other arguments, a config that is not such a class, or
+            defaults that its annotations do not allow.
     """
     check_new_name(name, {taken: task.build for taken, task in _TASKS.items()}, build)
     if not callable(build):
         raise ValueError(f"build: got {build!r}; takes a function from a config to an environment")
+    check_takes("build", build, ("config",), "environment")
     if not isinstance(config, type) or not is_dataclass(config) or not config.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         raise ValueError(f"config: got {config!r}; takes a class made by dataclass(frozen=True)")
     try:

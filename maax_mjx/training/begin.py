@@ -14,7 +14,7 @@ from maax_mjx.common.checks import described
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import field_names
-from maax_mjx.training.config import GROUPS, TrainConfig, VisitedConfig
+from maax_mjx.training.config import GROUPS, TrainConfig
 from maax_mjx.training.folder import RUN, Folder
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
@@ -102,21 +102,6 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
                 f"folder: got {folder.path}, which has a run with {_other(other, was.get(other), about[other])}; takes "
                 "that run's, or another folder (--out)"
             )
-
-
-def check_same_visited(folder: Folder, visited: VisitedConfig) -> None:
-    """Refuses to go on from a save of the worlds with other visited states than it has.
-
-    Raises:
-        ValueError: none where there were some, some where there were none, or another number of them.
-    """
-    was = VisitedConfig(**folder.about()["settings"].get("visited", {}))
-    before, now = (config.size if config.share else 0 for config in (was, visited))
-    if before != now:
-        raise ValueError(
-            f"visited: got share={visited.share}, size={visited.size} for {folder.path}, whose save has visited states "
-            f"of share={was.share}, size={was.size}; takes the same, or a new run that begins with its policy (--from)"
-        )
 
 
 def changed_settings(was: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

@@ -8,7 +8,7 @@ from math import gcd
 from typing import Annotated, Any
 
 from maax_mjx.common.annotated import Bounds, Fraction, OneOf, Positive, PositiveCount
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, described
 from maax_mjx.tasks.config import Config, override
 
 Discount = Annotated[float, Bounds(0, 1)]
@@ -89,8 +89,8 @@ class LeagueConfig(Config):
     """Past opponents: some worlds in which one team is played by an earlier policy of the run.
 
     Attributes:
-        share: share of the worlds; 0 is Baker et al.'s self-play.
-        groups: earlier policies at once.
+        share: share of the worlds, in whole worlds of each device and policy; 0 is Baker et al.'s self-play.
+        groups: earlier policies at once; fewer where the share has fewer worlds on a device.
         every: iterations between those that are kept.
         keep: number that is kept.
     """
@@ -99,6 +99,10 @@ class LeagueConfig(Config):
     groups: PositiveCount = 4
     every: PositiveCount = 50
     keep: PositiveCount = 16
+
+    def at_once(self, n_worlds: int) -> int:
+        """Returns how many earlier policies play at once in the worlds of a device."""
+        return min(self.groups, round(self.share * n_worlds))
 
 
 @dataclass(frozen=True)
@@ -187,6 +191,8 @@ def preset(name: str, overrides: Mapping[str, Any] | None = None) -> TrainConfig
     Raises:
         ValueError: an unknown name, or a value that a field does not allow.
     """
+    if overrides is not None and not isinstance(overrides, Mapping):
+        raise ValueError(f"overrides: got {described(overrides)}; takes values by dotted name, {{'ppo.lr': 1e-4}}")
     return override(PRESETS[check_choice("preset", name, PRESETS)], dict(overrides or {}), f"preset {name}")
 
 
@@ -195,8 +201,8 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
 
     Raises:
         ValueError: numbers that do not divide what they must: chunks, heads, and worlds that do not fall into equal
-            minibatches on all devices; and visited states of which no equal number comes with every iteration on
-            every device, or more than there are worlds.
+            minibatches on all devices; a share of past opponents that is not one world; and visited states of which no
+            equal number comes with every iteration on every device, or more than there are worlds.
     """
     ppo, net, visited = config.ppo, config.net, config.visited
     if visited.share and (visited.size % (n_devices * visited.stay) or visited.size // visited.stay > config.worlds):
@@ -218,5 +224,11 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
             f"worlds: got {config.worlds} with {ppo.minibatches} minibatches of {ppo.microbatches} microbatches on "
             f"{n_devices} devices, into which the {rows} chunks of an iteration do not go; takes a multiple of "
             f"{each // gcd(each, ppo.unroll // ppo.chunk)}, or another ppo.minibatches"
+        )
+    per_device = config.worlds // n_devices
+    if config.league.share and not config.league.at_once(per_device):
+        raise ValueError(
+            f"league.share: got {config.league.share}, which of {per_device} worlds on each device is none; takes 0, "
+            "more of them, or more worlds"
         )
     return n_devices * gcd(64 // gcd(64, n_devices), rows // each, config.worlds // n_devices)

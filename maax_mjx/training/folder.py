@@ -17,6 +17,7 @@ from typing import Any, TypeVar, cast
 import jax
 import numpy as np
 
+from maax_mjx.common.checks import described
 from maax_mjx.common.claim import Claim
 from maax_mjx.common.whole import whole
 from maax_mjx.parallel.processes import together
@@ -54,11 +55,13 @@ class Folder:
         tensorboard: whether metrics are written for TensorBoard as well.
 
     Raises:
-        ValueError: a path where no folder can be made, or a folder with other files and no run.
+        ValueError: no path, one where no folder can be made, or a folder with other files and no run.
         MissingLibraryError: TensorBoard's files without the package that writes them.
     """
 
     def __init__(self, path: str | Path, tensorboard: bool = False):
+        if not isinstance(path, str | Path):
+            raise ValueError(f"folder: got {described(path)}; takes a path")
         self.path = Path(path).absolute()
         self._drawing: Thread | None = None
         self._claim = Claim(self.path / LOCK)

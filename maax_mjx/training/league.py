@@ -14,6 +14,11 @@ from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.spec import Features
 
 
+def worlds_of_each(share: float, groups: int, n_worlds: int) -> int:
+    """Returns in how many of a device's worlds each of some earlier policies plays, a share of them in all."""
+    return round(share * n_worlds / groups)
+
+
 class Opponents(struct.PyTreeNode):
     """Some earlier policies, and the worlds in which they play.
 
@@ -31,7 +36,7 @@ class Opponents(struct.PyTreeNode):
 
     def block(self, n_worlds: int) -> int:
         """Returns the number of worlds in each block."""
-        return round(self.share * n_worlds / self.groups)
+        return worlds_of_each(self.share, self.groups, n_worlds)
 
     def memory(self, network: Network, n_worlds: int) -> jax.Array:
         """Returns what they remember at the beginning of an episode."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, ClassVar
 
 import jax
@@ -132,16 +133,26 @@ def _can_close_doors(env: Environment) -> None:
         )
 
 
-SCRIPTED: dict[str, Scripted] = {
-    "random": Scripted("random", _random),
-    "still": Scripted("still", _still),
-    "chase": Scripted("chase", _chase),
-    "lock_and_return": Scripted("lock_and_return", _alone(walking.lock_and_return), _has(LockTask, "lock_and_return")),
-    "sequential_lock": Scripted("sequential_lock", _alone(climbing.sequential_lock), climbing.check_sequential_lock),
-    "blueprint": Scripted("blueprint", _alone(building.blueprint), _has(BlueprintReward, "blueprint")),
-    "shelter": Scripted("shelter", _alone(sheltering.shelter), sheltering.check_shelter),
-    "tag": Scripted("tag", _tag, _has(Tag, "tag")),
-    "capture_the_flag": Scripted("capture_the_flag", _capture_the_flag, _has(CaptureTheFlag, "capture_the_flag")),
-    "close_door": Scripted("close_door", _close_door, _can_close_doors),
-}
+class _Players(dict[str, Scripted]):
+    def __missing__(self, name: object) -> Scripted:
+        near = get_close_matches(str(name), self, 1)
+        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        raise KeyError(f"SCRIPTED: got {name!r}{meant}; takes one of {sorted(self)}")
+
+
+SCRIPTED: Mapping[str, Scripted] = _Players(
+    (player.name, player)
+    for player in (
+        Scripted("random", _random),
+        Scripted("still", _still),
+        Scripted("chase", _chase),
+        Scripted("lock_and_return", _alone(walking.lock_and_return), _has(LockTask, "lock_and_return")),
+        Scripted("sequential_lock", _alone(climbing.sequential_lock), climbing.check_sequential_lock),
+        Scripted("blueprint", _alone(building.blueprint), _has(BlueprintReward, "blueprint")),
+        Scripted("shelter", _alone(sheltering.shelter), sheltering.check_shelter),
+        Scripted("tag", _tag, _has(Tag, "tag")),
+        Scripted("capture_the_flag", _capture_the_flag, _has(CaptureTheFlag, "capture_the_flag")),
+        Scripted("close_door", _close_door, _can_close_doors),
+    )
+)
 """Scripted players by name."""

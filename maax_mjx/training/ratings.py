@@ -9,6 +9,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
+from maax_mjx.common.checks import described
+
 POINTS = 400 / np.log(10)
 """Elo's points per unit of log-odds: 400 points are ten wins for each loss."""
 SPREAD = 800.0
@@ -64,8 +66,13 @@ def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
         Ratings of all players, the best first.
 
     Raises:
-        ValueError: a player at 0 who did not play.
+        ValueError: what is no result, or a player at 0 who did not play.
     """
+    for result in results:
+        if not isinstance(result, Result):
+            raise ValueError(
+                f"results: got {described(result)} in it; takes training.Result(player, opponent, team, ...)"
+            )
     players = sorted({name for result in results for name in (result.player, result.opponent)})
     if zero not in players:
         raise ValueError(f"zero: got {zero!r}; takes one of {players}")

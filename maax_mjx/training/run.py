@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.common.annotated import Positive, check_value
-from maax_mjx.common.checks import LONG, check_bool, check_count
+from maax_mjx.common.checks import LONG, check_bool, check_count, described
 from maax_mjx.common.conditions import conditions
 from maax_mjx.common.recorded import short
 from maax_mjx.core.env import Environment
@@ -23,16 +23,15 @@ from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.begin import (
     changed_settings,
     check_same,
-    check_same_visited,
     environment_of,
     preset_in,
     taken_over,
 )
 from maax_mjx.training.collect import Remembered
-from maax_mjx.training.config import LeagueConfig, check_divides
+from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.folder import POLICY, SAVES, Folder, settings_of
-from maax_mjx.training.league import League
+from maax_mjx.training.league import League, worlds_of_each
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
@@ -169,6 +168,13 @@ class Trainer:
         return self.iteration > 0 and self.config.save_worlds and "states" not in self.__dict__
 
     @property
+    def news(self) -> tuple[str, ...]:
+        """What is other than it was where the run goes on, in sentences without a full stop."""
+        changed = f"the run goes on with {self.changed}"
+        new = f"{SAVES}/ has no save of the last policy that fits: what was learnt goes on, in new worlds"
+        return (changed,) * bool(self.changed) + (new,) * self.goes_on_in_new_worlds
+
+    @property
     def policy(self) -> Policy:
         """The policy as it is now, on the host."""
         return Policy(self.network, jax.device_get(self.learner.weights), game_of(self.env), self.steps)
@@ -224,7 +230,8 @@ class Trainer:
     def _iteration(self, first: bool) -> Progress:
         """Makes an iteration and notes it; the first one of a process compiles, which counts as no time."""
         league = self.config.league
-        opponents = self.league.draw(self.iteration, league.groups, league.share) if league.share else None
+        groups = league.at_once(self.worlds.shards.per_device)
+        opponents = self.league.draw(self.iteration, groups, league.share) if groups else None
         key = jax.random.fold_in(self._key, self.iteration)
         args = self.learner, opponents, key, self.states, self.memory
         # Together, so that an interrupt while the device works leaves a state that can be saved.
@@ -281,24 +288,19 @@ class Trainer:
         """What is remembered at the beginning, on the worlds' devices."""
         visited, n_worlds = self.config.visited, self.config.worlds
         archive: Any = Archive.empty(self.env, visited.size, n_worlds) if visited.share else ()
-        return Remembered(self.network.memory(n_worlds), self._memory_of_opponents(self.config.league), archive)
+        return Remembered(self.network.memory(n_worlds), self._memory_of_opponents(), archive)
 
-    def _memory_of_opponents(self, league: LeagueConfig) -> Any:
+    def _memory_of_opponents(self) -> Any:
         """What past opponents remember at the beginning, in all worlds in which they play."""
-        if not league.share:
+        league, shards = self.config.league, self.worlds.shards
+        groups = league.at_once(shards.per_device)
+        if not groups:
             return ()
-        shards = self.worlds.shards
-        block = round(league.share * shards.per_device / league.groups)
-        return self.network.memory(block * league.groups * len(shards.devices)).actor
-
-    def _same_opponents(self) -> bool:
-        """Whether past opponents play in as many worlds as when the run was saved, so that its memories fit."""
-        leagues = LeagueConfig(**self.folder.about()["settings"]["league"]), self.config.league
-        was, now = (jax.eval_shape(partial(self._memory_of_opponents, league)) for league in leagues)
-        return jax.tree.map(jnp.shape, was) == jax.tree.map(jnp.shape, now)
+        each = worlds_of_each(league.share, groups, shards.per_device)
+        return self.network.memory(each * groups * len(shards.devices)).actor
 
     def _restore(self) -> None:
-        """Takes over the newest save: all of it with as many worlds and past opponents, else only what was learnt."""
+        """Takes over the newest save; where its worlds and memories do not fit, only what was learnt."""
         policy = self.folder.path / POLICY
         if self.folder.has_no_save and policy.exists():
             steps = Policy.load(policy).steps
@@ -311,11 +313,13 @@ class Trainer:
         like = jax.tree.map(lambda x: np.empty(x.shape, x.dtype), {"learner": learner, "memory": _parts(memory)})
         small = self.folder.load_small(like["learner"])
         newest = -1 if small is None else small[1]["iteration"]
-        whole = saves.latest is not None and saves.latest >= newest and self._same_opponents()
-        if whole and _readable(saves, lambda: saves.about()["n_worlds"]) == self.config.worlds:
-            check_same_visited(self.folder, self.config.visited)
-            self.states, found = _readable(saves, lambda: saves.restore(self.worlds, counts=_counts(0, 0.0), **like))
-            self.learner, self.memory = found["learner"], Remembered(**found["memory"])
+        if saves.latest is not None and saves.latest >= newest:
+            whole = _readable(saves, lambda: self._fits(saves, like["memory"]))
+            worlds, wanted = (self.worlds, like) if whole else (None, {"learner": like["learner"]})
+            states, found = _readable(saves, lambda: saves.restore(worlds, counts=_counts(0, 0.0), **wanted))
+            if whole:
+                self.states, self.memory = states, Remembered(**found["memory"])
+            self.learner = found["learner"]
             self.iteration, self.steps = int(saves.latest or 0), int(found["counts"]["steps"])
             self.seconds = float(found["counts"]["seconds"])
         elif small is not None:
@@ -325,6 +329,10 @@ class Trainer:
         for steps, file in self.folder.past():
             if steps <= self.steps:
                 self.league.add(Policy.load(file).params)
+
+    def _fits(self, saves: Checkpoints, memory: Any) -> bool:
+        """Whether the newest save is of as many worlds, past opponents and visited states."""
+        return saves.about()["n_worlds"] == self.config.worlds and saves.fits(memory=memory)
 
 
 def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:
@@ -347,8 +355,10 @@ def check_end(minutes: Any, steps: Any, on_iteration: Any) -> None:
     """Refuses a training that would never end; the arguments are those of `train`.
 
     Raises:
-        ValueError: a number out of its range, or none of the three.
+        ValueError: a number out of its range, what is no function, or none of the three.
     """
+    if on_iteration is not None and not callable(on_iteration):
+        raise ValueError(f"on_iteration: got {described(on_iteration)}; takes a function of training.Progress")
     if minutes is not None:
         check_value("minutes", minutes, Positive)
     if steps is not None:

@@ -68,7 +68,8 @@ def train(
         The run's folder and its policy.
 
     Warns:
-        UserWarning: a run that goes on with other settings than it had; `run.json` lists the changes.
+        UserWarning: a run that goes on with other settings than it had, of which `run.json` keeps a list, or in new
+            worlds.
 
     Raises:
         ValueError: an unknown preset or setting, a folder with another run or one that another process trains,
@@ -84,8 +85,9 @@ def train(
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
     )  # fmt: skip
-    if trainer.changed:
-        warnings.warn(f"train: the run goes on with {trainer.changed}", stacklevel=2)
+    if steps is None or trainer.steps < steps:
+        for sentence in trainer.news:
+            warnings.warn(f"train: {sentence}", stacklevel=2)
     if not bar:
         return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:

@@ -99,6 +99,8 @@ def test_a_run_that_has_its_steps_says_so(tmp_path, capsys, monkeypatch):
     assert "the run has 16 steps already, and --steps counts all of them" in told.err
     assert "compiling" not in told.err
     assert "16" in told.out
+    main(["train", *words, "--ppo.lr", "1e-4"])
+    assert "goes on" not in capsys.readouterr().err
 
 
 def test_a_rollout_takes_scripted_players_and_a_runs_past(tmp_path, capsys, monkeypatch):

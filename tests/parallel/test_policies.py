@@ -94,6 +94,46 @@ def still(state, key):
     return {"move": jnp.zeros((4, 3))}
 
 
+class Counting:
+    """A player that remembers one number."""
+
+    params = ()
+
+    def on(self, env):
+        return self
+
+    def memory(self, n_worlds):
+        return np.zeros((n_worlds, 1), np.float32)
+
+    @staticmethod
+    def play(state, key, memory, params):
+        return still(state, key), memory + 1
+
+
+def test_a_players_memory_has_its_shapes(worlds, start):
+    player = Counting()
+    _, kept = worlds.rollout(start, player, 1)
+    _, kept = worlds.rollout(start, player, 1, memory=kept["memory"])
+    assert kept["memory"].shape == (N, 1)
+    with pytest.raises(ValueError, match=rf"memory: got shapes \({N}, 3\); takes \({N}, 1\), such as an earlier"):
+        worlds.rollout(start, player, 1, memory=jnp.zeros((N, 3)))
+
+
+class Blinking:
+    """A policy with a method of its own, whose name players have as well."""
+
+    def on(self, step):
+        return step % 2 == 0
+
+    def __call__(self, state, key):
+        return {"move": jnp.where(self.on(state.step), jnp.zeros((4, 3)), 1.0)}
+
+
+def test_a_policy_of_ones_own_may_have_any_methods(worlds, start):
+    states, _ = worlds.rollout(start, Blinking(), 1)
+    equal(states.step.shape, (N,))
+
+
 def test_extras_without_a_memory(worlds, start):
     _, kept = worlds.rollout(start, lambda s, k: (still(s, k), {"t": s.step}), 1, keep=("extras.t",))
     equal(kept["extras.t"][0], start.step)

@@ -219,6 +219,7 @@ REFUSED = {
     "build": (("a", "harvest", HarvestConfig), "build: got 'harvest'; takes a function"),
     "not frozen": (("a", harvest, Thawed), "takes a class made by dataclass(frozen=True)"),
     "no dataclass": (("a", harvest, dict), "config: got <class 'dict'>; takes a class made by"),
+    "no argument": (("a", lambda: 0, HarvestConfig), "build: got <lambda>(); takes a function (config) -> environment"),
     "an object": (("a", harvest, HarvestConfig()), "config: got HarvestConfig("),
     "without defaults": (("a", harvest, Unfinished), "config: got Unfinished, with fields without defaults"),
 }

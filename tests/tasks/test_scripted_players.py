@@ -103,6 +103,8 @@ def test_fetchers_carriers_guards_and_who_is_out(flags):
 def test_scripts_are_refused_where_they_cannot_play(tag, flags):
     with pytest.raises(ValueError, match="tag: got a game without Tag; takes one with it, such as the game 'tag'"):
         training.SCRIPTED["tag"].on(flags)
+    with pytest.raises(KeyError, match=r"got 'chaser' .did you mean 'chase'.*; takes one of"):
+        training.SCRIPTED["chaser"]
     with pytest.raises(ValueError, match="capture_the_flag: got a game without CaptureTheFlag"):
         training.SCRIPTED["capture_the_flag"].on(tag)
 

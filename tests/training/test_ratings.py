@@ -53,6 +53,8 @@ def test_who_never_wins_has_a_rating():
     assert found["other"].margin > 100
     with pytest.raises(ValueError, match=r"zero: got 'me'; takes one of \['other', 'self'\]"):
         rate([Result("self", "other", "hiders", 0.5, 10)], "me")
+    with pytest.raises(ValueError, match=r"results: got tuple in it; takes training\.Result"):
+        rate([("self", "other", "hiders", 0.5, 10)], "self")
 
 
 def test_numbers_are_as_people_write_them():

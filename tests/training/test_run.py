@@ -8,6 +8,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import jax
@@ -143,11 +144,14 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
     # Nothing was saved with that: the whole save still fits what the folder says.
     assert len(alone.folder.about()["changes"]) == 2
     assert not trainer(copy, **same).goes_on_in_new_worlds
-    with pytest.warns(UserWarning, match="goes on with league.share"):
-        training.train(
-            echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **(SMALL | same), **{"league.share": 0.0}
-        )
+    # Nor is there anything to tell where there is nothing to do.
+    other = SMALL | same | {"league.share": 0.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **other)
     assert not trainer(copy, **same).changed
+    with pytest.warns(UserWarning, match=r"goes on with league\.share"), pytest.warns(UserWarning, match="new worlds"):
+        training.train(echo(), copy, "laptop", N, steps=(FEW + 2) * PER_ITERATION, bar=False, **other)
 
 
 @pytest.mark.slow
@@ -180,10 +184,35 @@ def test_a_saved_run_goes_on_bit_for_bit_on_jax(tmp_path):
     assert_goes_on(trainer(tmp_path / "cut", "jax", **PLAIN), whole)
 
 
-@pytest.mark.parametrize("changed", [{"visited.share": 0.0}, {"visited.size": 32}])
-def test_a_run_with_other_visited_states_is_refused(run, changed):
-    with pytest.raises(ValueError, match=r"visited: got share=.*, size=.* of share=0\.5, size=16; takes the same"):
-        trainer(run[1].folder, **changed)
+@pytest.mark.parametrize(
+    "changed", [{"visited.share": 0.0}, {"visited.size": 32}, {"league.share": 0.5}, {"league.share": 0.0}]
+)
+def test_a_run_goes_on_in_new_worlds_where_memories_do_not_fit(run, tmp_path, changed):
+    """As far as it was, also without the small save; what the save has counts, whatever settings the folder tells."""
+    copy = shutil.copytree(run[1].folder, tmp_path / "run")
+    shutil.rmtree(copy / "learner")
+    about = json.loads((copy / "run.json").read_text())
+    for name, value in changed.items():
+        group, field = name.split(".")
+        about["settings"][group][field] = value
+    (copy / "run.json").write_text(json.dumps(about))
+    again = trainer(copy, tensorboard=True, **changed)
+    assert again.goes_on_in_new_worlds
+    assert again.news == ("saves/ has no save of the last policy that fits: what was learnt goes on, in new worlds",)
+    assert (again.iteration, again.steps) == (FEW, FEW * PER_ITERATION)
+    assert len(again.folder.rows()) == FEW
+    for a, b in zip(jax.tree.leaves(run[0].learner), jax.tree.leaves(again.learner), strict=True):
+        np.testing.assert_array_equal(a, b)
+    # What it saves then is newer than what did not fit.
+    again.iteration += 1
+    again.save()
+    assert not trainer(copy, tensorboard=True, **changed).goes_on_in_new_worlds
+
+
+def test_past_opponents_play_in_few_worlds(run):
+    """One at least for each of them, and as many in all as the share says."""
+    opponents = run[0].memory.opponents
+    assert run[0].config.league.share * N == jax.tree.leaves(opponents)[0].shape[0] == 2
 
 
 def assert_goes_on(again, whole):
@@ -231,6 +260,16 @@ def test_other_runs_are_refused(run, tmp_path):
         ValueError, match=r"worlds: got .* with 3 minibatches .*the 16 chunks of an iteration do not go"
     ):
         trainer(tmp_path / "a", **{"ppo.minibatches": 3})
+    with pytest.raises(
+        ValueError, match=r"league\.share: got 0\.05, which of 8 worlds on each device is none; takes 0"
+    ):
+        trainer(tmp_path / "a", **{"league.share": 0.05})
+    with pytest.raises(ValueError, match=r"on_iteration: got 'x'; takes a function of training\.Progress"):
+        training.train(echo(), tmp_path / "b", "laptop", on_iteration="x")
+    with pytest.raises(ValueError, match="folder: got 5; takes a path"):
+        training.train(echo(), 5, "laptop", N, steps=8, **SMALL)
+    with pytest.raises(ValueError, match="overrides: got list; takes values by dotted name"):
+        training.preset("laptop", ["net.core"])
     with pytest.raises(ValueError, match=r"preset: got 'laptob'.*laptop"):
         training.train(echo(), tmp_path / "b", "laptob", steps=8)
     with pytest.raises(ValueError, match="minutes: got None and no steps; takes one of them"):
