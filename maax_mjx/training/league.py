@@ -15,8 +15,8 @@ from maax_mjx.training.spec import Features
 
 
 def worlds_of_each(share: float, groups: int, n_worlds: int) -> int:
-    """Returns in how many of a device's worlds each of some earlier policies plays, a share of them in all."""
-    return round(share * n_worlds / groups)
+    """Returns in how many of a device's worlds each of some earlier policies plays, about a share of them in all."""
+    return min(round(share * n_worlds / groups), n_worlds // groups)
 
 
 class Opponents(struct.PyTreeNode):

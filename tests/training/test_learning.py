@@ -16,7 +16,8 @@ import maax_mjx as maax
 from maax_mjx.training import NetConfig, PPOConfig, TrainConfig
 from maax_mjx.training.actions import log_prob
 from maax_mjx.training.collect import Remembered, collect
-from maax_mjx.training.league import League
+from maax_mjx.training.config import LeagueConfig
+from maax_mjx.training.league import League, worlds_of_each
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.ppo import Updates, joined, optimiser, rows_of, update
@@ -188,3 +189,19 @@ def test_the_first_and_the_newest_policies_are_kept(keep, kept, played):
     for i in range(6):
         league.add(jax.tree.map(lambda x, i=i: jnp.full_like(x, i), played[1]))
     assert [int(jax.tree.leaves(weights)[0].ravel()[0]) for weights in league.past] == kept
+
+
+@pytest.mark.parametrize("groups", [1, 3, 4, 16])
+@pytest.mark.parametrize("n_worlds", [1, 2, 7, 8, 100, 4096])
+def test_past_opponents_play_in_their_share_of_the_worlds(groups, n_worlds):
+    """Each in as many; in no more than there are, and where the share is a world, in one at least."""
+    for share in np.linspace(0, 1, 21):
+        policies = LeagueConfig(share=share, groups=groups).at_once(n_worlds)
+        assert policies <= groups
+        if share * n_worlds > 0.5:
+            each = worlds_of_each(share, policies, n_worlds)
+            assert each >= 1
+            assert policies * each <= n_worlds
+            assert abs(policies * each - share * n_worlds) <= max(policies - 0.5, 0.5)
+        else:
+            assert policies == 0
