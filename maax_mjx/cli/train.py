@@ -50,8 +50,7 @@ class Train:
     game: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="GAME")]]
     """Name of a game, one in a file of your own, my_game.py:football, or the folder of a run to go on with."""
     preset: names(training.PRESETS) | None = None  # type: ignore[valid-type]
-    """Settings to start from, which `maax-mjx info PRESET` lists; by default the run's, or "laptop" on a CPU and "gpu"
-    elsewhere."""
+    """Settings to start from, see `maax-mjx info PRESET`; by default the run's, or "laptop" on a CPU, else "gpu"."""
     worlds: PositiveCount | None = None
     """Number of worlds on all devices together; by default the preset's."""
     minutes: Positive | None = None

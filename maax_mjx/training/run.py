@@ -164,8 +164,8 @@ class Trainer:
 
     @property
     def goes_on_in_new_worlds(self) -> bool:
-        """Whether the run goes on from a save without the worlds that it keeps, which begin anew."""
-        return self.iteration > 0 and self.config.save_worlds and "states" not in self.__dict__
+        """Whether the run goes on from a save without its worlds, which begin anew."""
+        return self.iteration > 0 and "states" not in self.__dict__
 
     @property
     def news(self) -> tuple[str, ...]:

@@ -210,7 +210,7 @@ def test_a_run_goes_on_in_new_worlds_where_memories_do_not_fit(run, tmp_path, ch
 
 
 def test_past_opponents_play_in_few_worlds(run):
-    """One at least for each of them, and as many in all as the share says."""
+    """There are fewer of them at once, but as many worlds as the share says."""
     opponents = run[0].memory.opponents
     assert run[0].config.league.share * N == jax.tree.leaves(opponents)[0].shape[0] == 2
 
