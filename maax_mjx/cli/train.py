@@ -52,7 +52,7 @@ class Train:
     preset: names(training.PRESETS) | None = None  # type: ignore[valid-type]
     """Settings to start from, see `maax-mjx info PRESET`; by default the run's, or "laptop" on a CPU, else "gpu"."""
     worlds: PositiveCount | None = None
-    """Number of worlds on all devices together; by default the preset's."""
+    """Number of worlds on all devices together; by default the preset's or run's."""
     minutes: Positive | None = None
     """Minutes of training in this call, compilation not included; 10 without --steps."""
     steps: PositiveCount | None = None

@@ -170,11 +170,10 @@ class Checkpoints:
             _check_worlds(worlds)
             if not (save / STATES).is_dir():
                 raise ValueError(f"worlds: got some, and save {number} of {self.folder} has none; takes None")
-            wanted = named(jax.eval_shape(keyless, worlds.states_shape.replace(recent=())))
-            metadata = self._read(number, lambda: self._metadata(save / STATES))
-            saved = {name: tuple(x.shape) for name, x in metadata.items()}
+            wanted, saved = self._arrays(worlds, number)
             resized = check_bool("resize", resize) and saved["step"][0] != worlds.n_worlds
-            self._check_same(wanted, saved, worlds, number, resized)
+            if mismatch := self._mismatch(wanted, saved, worlds, number, resized):
+                raise ValueError(f"worlds: {mismatch}")
             trees[STATES] = {
                 name: np.empty(saved[name], x.dtype) if resized else _target(worlds, x) for name, x in wanted.items()
             }
@@ -191,21 +190,32 @@ class Checkpoints:
             states = _states_of(worlds, arrays)
         return states, {name: unboxed(found[name], tree) for name, tree in others.items()}
 
-    def fits(self, number: int | None = None, **others: Any) -> bool:
-        """Whether trees have the shapes of those in a save, so that `restore` reads them.
+    def fits(self, worlds: Worlds | None = None, number: int | None = None, **others: Any) -> bool:
+        """Whether a save has what `restore` would be asked for: these worlds, and trees of these shapes.
 
         Args:
+            worlds: worlds; None asks of the others alone.
             number: number of the save; None asks of the latest.
             others: trees by the names of the save's other items.
 
+        Returns:
+            False also where the save has no worlds, or no item of a name.
+
         Raises:
             FileNotFoundError: no such save.
-            ValueError: a damaged save.
+            ValueError: a damaged save, a reserved name, or what is no array.
         """
         number = self._found(number)
+        save = self.folder / str(number)
         check_others(others)
+        if worlds is not None:
+            if not (save / STATES).is_dir():
+                return False
+            wanted, saved = self._arrays(_check_worlds(worlds), number)
+            if self._mismatch(wanted, saved, worlds, number, resized=False):
+                return False
         return all(
-            (self.folder / str(number) / name).is_dir() and self._difference(name, tree, number) is None
+            (save / name).is_dir() and self._difference(name, tree, number) is None
             for name, tree in boxed(others).items()
         )
 
@@ -299,29 +309,39 @@ class Checkpoints:
                 return at, here, there
         return None
 
-    def _check_same(
+    def _arrays(self, worlds: Worlds, number: int) -> tuple[dict[str, Any], dict[str, tuple[int, ...]]]:
+        """Returns the arrays of worlds, and the shapes of those in a save, by name."""
+        wanted = named(jax.eval_shape(keyless, worlds.states_shape.replace(recent=())))
+        metadata = self._read(number, lambda: self._metadata(self.folder / str(number) / STATES))
+        return wanted, {name: tuple(x.shape) for name, x in metadata.items()}
+
+    def _mismatch(
         self, wanted: dict[str, Any], saved: dict[str, tuple[int, ...]], worlds: Worlds, number: int, resized: bool
-    ) -> None:
-        """Compares the games, then names and shapes; of resized worlds without the first axis."""
+    ) -> str:
+        """Returns why worlds are not those of a save: another game, or other names and shapes; empty if they are.
+
+        Of resized worlds the first axis may be another.
+        """
         was, now = self.about(number), about_worlds(worlds)
         if "game" in was and "game" in now and (game := game_text(was)) != (here := game_text(now)):
-            raise ValueError(
-                f"worlds: got {here}, and {self.folder} has {game}; takes worlds of the same game, or None for what "
-                "else was saved"
+            return (
+                f"got {here}, and {self.folder} has {game}; takes worlds of the same game, or None for what else was "
+                "saved"
             )
         if not resized and saved["step"][0] != worlds.n_worlds:
-            raise ValueError(
-                f"worlds: got {worlds.n_worlds}, and {self.folder} has {saved['step'][0]}; takes as many as were "
-                "saved, or resize=True"
+            return (
+                f"got {worlds.n_worlds}, and {self.folder} has {saved['step'][0]}; takes as many as were saved, or "
+                "resize=True"
             )
         for name, x in wanted.items():
             if name not in saved or saved[name][1:] != x.shape[1:]:
-                raise ValueError(
-                    f"worlds: {self.folder} has {name} of shape {saved.get(name)}, these worlds {x.shape}; takes "
-                    "worlds of the same environment and engine as were saved"
+                return (
+                    f"{self.folder} has {name} of shape {saved.get(name)}, these worlds {x.shape}; takes worlds of the "
+                    "same environment and engine as were saved"
                 )
         if extra := sorted(set(saved) - set(wanted)):
-            raise ValueError(f"worlds: {self.folder} also has {', '.join(extra)}; takes the environment of the save")
+            return f"{self.folder} also has {', '.join(extra)}; takes the environment of the save"
+        return ""
 
 
 def _check_worlds(worlds: Any) -> Worlds:

@@ -47,7 +47,10 @@ class Player(Protocol):
 
 
 class Playable(Protocol):
-    """What becomes a player of an environment, such as one of `maax_mjx.training.SCRIPTED`."""
+    """What becomes a player of an environment, such as one of `maax_mjx.training.SCRIPTED`.
+
+    One that can be called itself has `play` as well, or it counts as a function.
+    """
 
     def on(self, env: Environment) -> Player:
         """Returns it as it plays an environment.

@@ -201,8 +201,9 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
 
     Raises:
         ValueError: numbers that do not divide what they must: chunks, heads, and worlds that do not fall into equal
-            minibatches on all devices; a share of past opponents that is not one world; and visited states of which no
-            equal number comes with every iteration on every device, or more than there are worlds.
+            minibatches on all devices; a share of past opponents that rounds to no world of a device; and
+            visited states of which no equal number comes with every iteration on every device, or more than there are
+            worlds.
     """
     ppo, net, visited = config.ppo, config.net, config.visited
     if visited.share and (visited.size % (n_devices * visited.stay) or visited.size // visited.stay > config.worlds):
@@ -228,7 +229,7 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
     per_device = config.worlds // n_devices
     if config.league.share and not config.league.at_once(per_device):
         raise ValueError(
-            f"league.share: got {config.league.share}, which of {per_device} worlds on each device is none; takes 0, "
-            "more of them, or more worlds"
+            f"league.share: got {config.league.share}, which of {per_device} worlds on each device is none; takes 0, a "
+            "greater share, or more worlds"
         )
     return n_devices * gcd(64 // gcd(64, n_devices), rows // each, config.worlds // n_devices)

@@ -15,7 +15,6 @@ import numpy as np
 from maax_mjx.common.annotated import Positive, check_value
 from maax_mjx.common.checks import LONG, check_bool, check_count, described
 from maax_mjx.common.conditions import conditions
-from maax_mjx.common.recorded import short
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
@@ -314,7 +313,7 @@ class Trainer:
         small = self.folder.load_small(like["learner"])
         newest = -1 if small is None else small[1]["iteration"]
         if saves.latest is not None and saves.latest >= newest:
-            whole = _readable(saves, lambda: self._fits(saves, like["memory"]))
+            whole = _readable(saves, lambda: saves.fits(self.worlds, memory=like["memory"]))
             worlds, wanted = (self.worlds, like) if whole else (None, {"learner": like["learner"]})
             states, found = _readable(saves, lambda: saves.restore(worlds, counts=_counts(0, 0.0), **wanted))
             if whole:
@@ -330,10 +329,6 @@ class Trainer:
             if steps <= self.steps:
                 self.league.add(Policy.load(file).params)
 
-    def _fits(self, saves: Checkpoints, memory: Any) -> bool:
-        """Whether the newest save is of as many worlds, past opponents and visited states."""
-        return saves.about()["n_worlds"] == self.config.worlds and saves.fits(memory=memory)
-
 
 def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:
     """Returns what is read of the newest save.
@@ -345,9 +340,10 @@ def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:
         return read()
     # Orbax and what it reads with raise errors of a dozen kinds.
     except Exception as error:
+        reason = str(error).partition("\n")[0].replace(str(saves.folder), SAVES)[:160]
         raise ValueError(
-            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({short(str(error))}); "
-            "delete it, and the run goes on from the one before"
+            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({reason}); "
+            "delete it, and what was learnt goes on in new worlds; without learner/, the run from the save before"
         ) from error
 
 

@@ -221,9 +221,12 @@ def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
 def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
     checkpoints = maax.Checkpoints(tmp_path)
     checkpoints.save(0, worlds, start)
+    assert checkpoints.fits(worlds)
+    assert not checkpoints.fits(maax.Worlds(worlds.env, 3))
     with pytest.raises(ValueError, match=r"worlds: got 3, and .* has 6; takes as many as were saved, or resize=True"):
         checkpoints.restore(maax.Worlds(worlds.env, 3))
     other = maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2)
+    assert not checkpoints.fits(maax.Worlds(other, N))
     with pytest.raises(
         ValueError, match=r"got standard\(n_boxes=2, .*\), and .* has standard\(horizon=4, .*of the same game"
     ):
@@ -253,6 +256,11 @@ def test_a_save_without_worlds(worlds, start, tmp_path):
     assert states is None
     assert_same(others["params"], {"w": jnp.arange(4.0)})
     assert checkpoints.about() == {}
+    assert checkpoints.fits(params={"w": jnp.zeros(4)})
+    assert not checkpoints.fits(params={"w": jnp.zeros(5)})
+    assert not checkpoints.fits(params={"w": jnp.zeros(4), "b": jnp.zeros(4)})
+    assert not checkpoints.fits(weights={"w": jnp.zeros(4)})
+    assert not checkpoints.fits(worlds, params={"w": jnp.zeros(4)})
     with pytest.raises(ValueError, match=r"worlds: got some, and save 3 of .* has none; takes None"):
         checkpoints.restore(worlds)
     with pytest.raises(ValueError, match="others: got nothing to save; takes states"):

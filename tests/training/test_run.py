@@ -209,6 +209,14 @@ def test_a_run_goes_on_in_new_worlds_where_memories_do_not_fit(run, tmp_path, ch
     assert not trainer(copy, tensorboard=True, **changed).goes_on_in_new_worlds
 
 
+def test_a_run_goes_on_in_new_worlds_on_another_engine(run, tmp_path):
+    """Whose states have other arrays."""
+    copy = shutil.copytree(run[1].folder, tmp_path / "run")
+    again = trainer(copy, "jax", tensorboard=True)
+    assert again.goes_on_in_new_worlds
+    assert again.steps == FEW * PER_ITERATION
+
+
 def test_past_opponents_play_in_few_worlds(run):
     """There are fewer of them at once, but as many worlds as the share says."""
     opponents = run[0].memory.opponents
