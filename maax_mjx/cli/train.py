@@ -165,7 +165,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         settings=was | args.settings,
         **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT},
     )
-    return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"])
+    return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"]) | values_of(game["game"], env)
 
 
 def _check_of_the_run(args: Train, env: Mapping[str, str], about: Mapping[str, Any]) -> None:
@@ -175,7 +175,7 @@ def _check_of_the_run(args: Train, env: Mapping[str, str], about: Mapping[str, A
         ValueError: naming the option.
     """
     given = {
-        **{f"env.{name}": True for name in env},
+        **{f"env.{name}": True for name in env if name != "impl"},
         "preset": args.preset not in (None, about["preset"]),
         "seed": args.seed not in (0, about["seed"]),
         "out": args.out is not None and args.out.resolve() != Path(args.game).resolve(),

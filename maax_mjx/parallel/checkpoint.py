@@ -193,6 +193,8 @@ class Checkpoints:
     def fits(self, worlds: Worlds | None = None, number: int | None = None, **others: Any) -> bool:
         """Whether a save has what `restore` would be asked for: these worlds, and trees of these shapes.
 
+        Whether its arrays are as they were written is for `restore` to find out.
+
         Args:
             worlds: worlds; None asks of the others alone.
             number: number of the save; None asks of the latest.
@@ -203,7 +205,7 @@ class Checkpoints:
 
         Raises:
             FileNotFoundError: no such save.
-            ValueError: a damaged save, a reserved name, or what is no array.
+            ValueError: a save whose shapes cannot be read, a reserved name, or what is no array.
         """
         number = self._found(number)
         save = self.folder / str(number)
@@ -332,6 +334,11 @@ class Checkpoints:
             return (
                 f"got {worlds.n_worlds}, and {self.folder} has {saved['step'][0]}; takes as many as were saved, or "
                 "resize=True"
+            )
+        if (was.get("engine") == "c") != (now["engine"] == "c") and set(saved) != set(wanted):
+            return (
+                f"got those of the engine {now['engine']!r}, and {self.folder} has those of {was.get('engine')!r}; "
+                "takes the engine of the save, or None for what else was saved"
             )
         for name, x in wanted.items():
             if name not in saved or saved[name][1:] != x.shape[1:]:

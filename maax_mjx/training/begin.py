@@ -105,13 +105,20 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
 
 
 def changed_settings(was: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Returns settings that a run had and has, by dotted name, of those that differ.
+    """Returns settings that a run had and has, by dotted name, of those that differ; with the engine of its game.
 
     Settings that there were not yet when the run began are left out.
+
+    Args:
+        was, now: what `run.json` says of it, and what it is to say.
     """
-    before, after = _by_dotted_name(was), _by_dotted_name(now)
+    before, after = (_by_dotted_name(about["settings"]) | _engine(about.get("game")) for about in (was, now))
     names = (name for name in after if name in before and before[name] != after[name])
     return {name: (before[name], after[name]) for name in names}
+
+
+def _engine(game: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {"env.impl": game["config"].get("impl", DEFAULT)} if game else {}
 
 
 def _by_dotted_name(settings: Mapping[str, Any]) -> dict[str, Any]:

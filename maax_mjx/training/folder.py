@@ -116,10 +116,10 @@ class Folder:
             part.write_text(json.dumps(about, indent=1) + "\n")
 
     @by_the_first
-    def go_on(self, settings: Mapping[str, Any], change: Mapping[str, Any]) -> None:
-        """Writes the settings with which the run goes on, and adds the change of them to the list of all."""
+    def go_on(self, game: Mapping[str, Any] | None, settings: Mapping[str, Any], change: Mapping[str, Any]) -> None:
+        """Writes the game, with its engine, and the settings with which the run goes on, and lists the change."""
         about = self.about()
-        self.describe(about | {"settings": settings, "changes": [*about.get("changes", []), change]})
+        self.describe(about | {"game": game, "settings": settings, "changes": [*about.get("changes", []), change]})
 
     @by_the_first
     def note(self, row: Mapping[str, Any]) -> None:
@@ -245,7 +245,11 @@ class Folder:
                 found.append(array)
         # Damaged bytes make NumPy, zipfile and JSON raise errors of a dozen kinds.
         except Exception as error:
-            raise ValueError(f"folder: got {self.path}, whose {SMALL} cannot be read ({error})") from None
+            reason = str(error).partition(". ")[0]
+            raise ValueError(
+                f"folder: got {self.path}, whose {SMALL}/ cannot be read ({reason}); delete it, and the run goes on "
+                f"from {SAVES}/"
+            ) from None
         return jax.tree.unflatten(jax.tree.structure(like), found), about
 
 

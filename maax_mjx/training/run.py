@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -15,6 +16,7 @@ import numpy as np
 from maax_mjx.common.annotated import Positive, check_value
 from maax_mjx.common.checks import LONG, check_bool, check_count, described
 from maax_mjx.common.conditions import conditions
+from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
@@ -29,7 +31,7 @@ from maax_mjx.training.begin import (
 from maax_mjx.training.collect import Remembered
 from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
-from maax_mjx.training.folder import POLICY, SAVES, Folder, settings_of
+from maax_mjx.training.folder import POLICY, SAVES, SMALL, Folder, settings_of
 from maax_mjx.training.league import League, worlds_of_each
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
@@ -140,7 +142,7 @@ class Trainer:
         if self.folder.found:
             check_same(self.folder, about)
             self._restore()
-            self._compare(settings)
+            self._compare(about)
         else:
             begun_from = (
                 {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
@@ -221,7 +223,7 @@ class Trainer:
             memory = _parts(self.memory)
             saves.save(self.iteration, self.worlds, self.states, learner=self.learner, memory=memory, counts=counts)
         if self._change:  # with the first save: the folder's settings are those of what it goes on from
-            self.folder.go_on(settings_of(self.config), self._change)
+            self.folder.go_on(game_of(self.env), settings_of(self.config), self._change)
             self._change = None
         # Last: the newer of the two is what a run goes on from.
         self.folder.save_small(self.learner, self._counters())
@@ -275,9 +277,9 @@ class Trainer:
                 return jax.tree_util.keystr(path, simple=True, separator=".")
         return "the gradient"
 
-    def _compare(self, settings: Mapping[str, Any]) -> None:
+    def _compare(self, about: Mapping[str, Any]) -> None:
         """Finds settings with which the run goes on that are not those it had."""
-        found = changed_settings(self.folder.about()["settings"], settings)
+        found = changed_settings(self.folder.about(), about)
         if found:
             self.changed = "; ".join(f"{name}={now}, not {was}" for name, (was, now) in found.items())
             now = {name: now for name, (_, now) in found.items()}
@@ -340,10 +342,13 @@ def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:
         return read()
     # Orbax and what it reads with raise errors of a dozen kinds.
     except Exception as error:
-        reason = str(error).partition("\n")[0].replace(str(saves.folder), SAVES)[:160]
+        if is_out_of_memory(error):
+            raise
+        damage = re.search(r"which is damaged \((.*)\); takes", str(error))
+        reason = damage[1] if damage else str(error).partition("\n")[0][:160]
         raise ValueError(
-            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({reason}); "
-            "delete it, and what was learnt goes on in new worlds; without learner/, the run from the save before"
+            f"folder: the newest save, {saves.folder / str(saves.latest)}, cannot be read ({reason}); delete it: then "
+            f"what was learnt goes on in new worlds, or, without {SMALL}/, the run goes on from the save before it"
         ) from error
 
 

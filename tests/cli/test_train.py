@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import signal
 import time
@@ -101,6 +102,29 @@ def test_a_run_that_has_its_steps_says_so(tmp_path, capsys, monkeypatch):
     assert "16" in told.out
     main(["train", *words, "--ppo.lr", "1e-4"])
     assert "goes on" not in capsys.readouterr().err
+
+
+def test_another_engine_is_told_and_kept(tmp_path, capsys, monkeypatch):
+    """With the name of the folder alone; nothing else of the game may be given there."""
+    monkeypatch.chdir(tmp_path)
+    printed(capsys, "train", "tag", *SMALL, *GAME, "--steps", "16", "--out", "run", "--save-worlds", "False")
+
+    def saved(self, *_):
+        self.save()
+        return training.Run(self.folder.path, self.policy, None)
+
+    monkeypatch.setattr(training.Trainer, "run", saved)
+    monkeypatch.setattr(importlib.import_module("maax_mjx.cli.train"), "_replay", lambda *_: None)
+    main(["train", "run", "--steps", "32", "--env.impl", "jax"])
+    assert "goes on with env.impl=jax, not c" in capsys.readouterr().err
+    about = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert about["game"]["config"]["impl"] == "jax"
+    assert [change["settings"] for change in about["changes"]] == [{"env.impl": "jax"}]
+    main(["train", "run", "--steps", "32"])
+    assert "goes on with" not in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["train", "run", "--env.horizon", "9"])
+    assert "--env.horizon: got it with the folder of a run" in capsys.readouterr().err
 
 
 def test_a_rollout_takes_scripted_players_and_a_runs_past(tmp_path, capsys, monkeypatch):

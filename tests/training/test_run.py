@@ -210,7 +210,7 @@ def test_a_run_goes_on_in_new_worlds_where_memories_do_not_fit(run, tmp_path, ch
 
 
 def test_a_run_goes_on_in_new_worlds_on_another_engine(run, tmp_path):
-    """Whose states have other arrays."""
+    """From `c`, whose states have an array more."""
     copy = shutil.copytree(run[1].folder, tmp_path / "run")
     again = trainer(copy, "jax", tensorboard=True)
     assert again.goes_on_in_new_worlds
