@@ -19,6 +19,8 @@ from maax_mjx import training
 ROOT = Path(__file__).parents[2]
 SMALL = {"net.encoder": "flat", "net.core": "none", "net.hidden": 8, "net.share": "all", "ppo.unroll": 4}
 SMALL |= {"ppo.chunk": 2, "ppo.epochs": 1, "ppo.minibatches": 2}
+# Past opponents play in the last worlds of every device, which are others on two than on one.
+SMALL |= {"league.share": 0.0}
 WORLDS, STEPS = 8, 3 * 32
 CODE = f"""
 import sys
