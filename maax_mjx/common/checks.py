@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -81,6 +82,12 @@ def pair_of(value: Any) -> tuple[Any, Any]:
     """Splits a number or a range that was checked into (low, high)."""
     low, high = value if isinstance(value, tuple | list) else (value, value)
     return low, high
+
+
+def suggestion(word: object, known: Iterable[str]) -> str:
+    """Returns " (did you mean 'x'?)" for the known word that is nearest to another; empty where none is near."""
+    near = get_close_matches(str(word), list(known), 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:

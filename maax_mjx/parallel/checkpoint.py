@@ -42,9 +42,9 @@ class Checkpoints:
     """A folder of saved states that keeps the newest (Orbax).
 
     A save is either complete or absent: a run that is killed continues from the last one. Worlds are saved in their
-    order, whatever devices they were on, and restored onto those of any `Worlds` of the same game. As many, with the
-    same engine, continue bit for bit as if nothing had happened, except with `warp`, whose runs always differ in the
-    last bits. `about` has the game and its config.
+    order, whatever devices they were on, and restored onto those of any `Worlds` of the same game, but from `c` onto no
+    other engine, nor back. As many, with the same engine, continue bit for bit as if nothing had happened, except with
+    `warp`, whose runs always differ in the last bits. `about` has the game and its config.
 
     Args:
         folder: the folder, created if it does not exist.

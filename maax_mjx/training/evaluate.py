@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.checks import check_bool, check_choice, check_count, described
+from maax_mjx.common.checks import check_bool, check_choice, check_count, described, suggestion
 from maax_mjx.common.progress import progress
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
@@ -234,8 +233,7 @@ def player_of(argument: str, given: Any) -> TrainedPolicy | Scripted:
     if at and not Path(given).exists():
         return _past(argument, text, steps)
     if not file_of(Path(given)).exists():
-        near = get_close_matches(str(given), _names(argument), 1)
-        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        meant = suggestion(given, _names(argument))
         raise ValueError(f"{argument}: got {str(given)!r}, and nothing is there{meant}; {_takes_players(argument)}")
     if str(given).endswith(".py"):
         raise ValueError(f"{argument}: got {str(given)!r}, a Python file; {_takes_players(argument)}")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
+from maax_mjx.common.checks import suggestion
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.tasks import building, climbing, scripted, scripted_players, sheltering, walking
@@ -135,9 +135,7 @@ def _can_close_doors(env: Environment) -> None:
 
 class _Players(dict[str, Scripted]):
     def __missing__(self, name: object) -> Scripted:
-        near = get_close_matches(str(name), self, 1)
-        meant = f" (did you mean {near[0]!r}?)" if near else ""
-        raise KeyError(f"SCRIPTED: got {name!r}{meant}; takes one of {sorted(self)}")
+        raise KeyError(f"SCRIPTED: got {name!r}{suggestion(name, self)}; takes one of {sorted(self)}")
 
 
 SCRIPTED: Mapping[str, Scripted] = _Players(

@@ -171,9 +171,12 @@ class Trainer:
     @property
     def news(self) -> tuple[str, ...]:
         """What is other than it was where the run goes on, in sentences without a full stop."""
-        changed = f"the run goes on with {self.changed}"
-        new = f"{SAVES}/ has no save of the last policy that fits: what was learnt goes on, in new worlds"
-        return (changed,) * bool(self.changed) + (new,) * self.goes_on_in_new_worlds
+        told = []
+        if self.changed:
+            told.append(f"the run goes on with {self.changed}")
+        if self.goes_on_in_new_worlds:
+            told.append(f"{SAVES}/ has no save of the last policy that fits: what was learnt goes on, in new worlds")
+        return tuple(told)
 
     @property
     def policy(self) -> Policy:
