@@ -22,6 +22,8 @@ from mujoco import mjx
 
 from maax_mjx.common.errors import MissingLibraryError
 from maax_mjx.physics.warp_hessian import BLOCKS, LANES, SLOTS, repair_kernels
+from maax_mjx.physics.warp_newton import LANES as THREADS
+from maax_mjx.physics.warp_newton import Size, newton_kernels
 
 VERSIONS = {"mujoco-mjx": ("3.17", "3.18"), "warp-lang": ("1.18", "1.20")}
 """Versions by package: the first minor one that fits, and the first that does not. `pyproject.toml` says the same."""
@@ -270,6 +272,52 @@ def repair_hessians() -> None:
 
     solver._create_solver_context = created
     solver._cholesky_factorize_solve = repaired
+
+
+@cache
+def solve_in_one_launch() -> None:
+    """Has Warp's Newton solver do all iterations in one launch, in this process (see `warp_newton`).
+
+    `solve` is replaced by a function that launches our kernels for worlds that they can solve; seen in MJX 3.17.0.
+    Other models, solvers and cones go to MJX-Warp's, with its Hessians repaired.
+    """
+    import warp
+    from mujoco.mjx.third_party.mujoco_warp._src import solver, types
+
+    repair_hessians()
+    solve, of_row, overflow = solver.solve, types.ConstraintState, types.OverflowType
+    states = tuple((name, int(of_row[name])) for name in ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS"))
+    bits = (("NO_ITERATIONS_LEFT", int(overflow.ITERATIONS)), ("NO_LS_ITERATIONS_LEFT", int(overflow.LS_ITERATIONS)))
+
+    def solved(m: Any, d: Any) -> None:
+        size = Size(
+            nv=m.nv,
+            rows=d.njmax,
+            sparse=bool(m.is_sparse),
+            stride=d.efc.J.shape[-1],
+            iterations=int(m.opt.iterations),
+            ls_iterations=int(m.opt.ls_iterations),
+            warmstart=not m.opt.disableflags & types.DisableBit.WARMSTART,
+        )
+        is_known = (
+            m.opt.solver == types.SolverType.NEWTON
+            and m.opt.cone == types.ConeType.PYRAMIDAL
+            and m.opt.integrator != types.IntegratorType.DISCRETE
+            and not m.opt.enableflags & types.EnableBit.SLEEP
+        )
+        if not is_known or not size.fits:
+            solve(m, d)
+            return
+        rows = [d.efc.J_rownnz, d.efc.J_rowadr, d.efc.J_colind, d.efc.J, d.efc.D, d.efc.aref, d.efc.frictionloss]
+        inputs = [m.opt.tolerance, m.opt.ls_tolerance, d.ne, d.nf, d.nefc, m.M_elemid, d.M, *rows]
+        inputs += [d.qacc_warmstart, d.qacc_smooth, d.qfrc_smooth]
+        outputs = [d.solver_niter, d.overflow, d.qacc, d.efc.Ma, d.qfrc_constraint, d.efc.force, d.efc.state]
+        for kernel in newton_kernels(size, states + bits):
+            warp.launch_tiled(kernel, dim=[d.nworld], inputs=inputs, outputs=outputs, block_dim=THREADS)
+        if m.opt.noslip_iterations > 0:
+            solver.noslip(m, d)
+
+    solver.solve = solved
 
 
 @contextmanager

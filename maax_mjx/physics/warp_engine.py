@@ -15,7 +15,7 @@ from maax_mjx.physics.mjx_internals import (
     check_internals,
     clear_overflow,
     lost_contacts,
-    repair_hessians,
+    solve_in_one_launch,
     with_contact_room,
     without_overflow_warnings,
 )
@@ -55,7 +55,7 @@ class WarpEngine(MjxEngine):
 
     def __init__(self, model: mujoco.MjModel, overlay: Overlay, contacts_per_world: int, n_equalities: int):
         check_internals("warp")
-        repair_hessians()
+        solve_in_one_launch()
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
         rows = ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * n_equalities + int(model.jnt_limited.sum())
