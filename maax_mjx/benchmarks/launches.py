@@ -16,7 +16,8 @@ import numpy as np
 from maax_mjx.physics.mjx_internals import launched_one_by_one, step_sizes
 
 LINES, FACTOR, HESSIAN, REPAIR = "solver: line search", "solver: factorisation", "solver: Hessian", "solver: repair"
-SOLVER, ROWS, BROAD, SIMPLE = "solver: the rest", "constraint rows", "collision: broad phase", "collision: simple pairs"
+SOLVER, ALL = "solver: the rest", "solver: all iterations of a world"
+ROWS, BROAD, SIMPLE = "constraint rows", "collision: broad phase", "collision: simple pairs"
 SMOOTH, MOTION, OTHER = "kinematics and inertia", "integration", "the rest"
 CONVEX = "collision: convex, "
 IN_SOLVER = (("linesearch", LINES), ("cholesky|padding_h", FACTOR), ("JTD|_h_|init_h|Hessian|hessian|metric", HESSIAN))
@@ -26,6 +27,7 @@ MODULES = {
     "collision_primitive": SIMPLE,
     "constraint": ROWS,
     "warp_hessian": REPAIR,
+    "warp_newton": ALL,
     "smooth": SMOOTH,
     "passive": SMOOTH,
     "support": SMOOTH,

@@ -22,8 +22,7 @@ from mujoco import mjx
 
 from maax_mjx.common.errors import MissingLibraryError
 from maax_mjx.physics.warp_hessian import BLOCKS, LANES, SLOTS, repair_kernels
-from maax_mjx.physics.warp_newton import LANES as THREADS
-from maax_mjx.physics.warp_newton import Size, newton_kernels
+from maax_mjx.physics.warp_newton import Size, launch_newton
 
 VERSIONS = {"mujoco-mjx": ("3.17", "3.18"), "warp-lang": ("1.18", "1.20")}
 """Versions by package: the first minor one that fits, and the first that does not. `pyproject.toml` says the same."""
@@ -305,15 +304,17 @@ def solve_in_one_launch() -> None:
             and m.opt.integrator != types.IntegratorType.DISCRETE
             and not m.opt.enableflags & types.EnableBit.SLEEP
         )
-        if not is_known or not size.fits:
+        device = warp.get_device()
+        room = device.max_shared_memory_per_block if device.is_cuda else 2**20
+        if not is_known or not size.fits(room):
             solve(m, d)
             return
+        inertia = [m.M_rownnz, m.M_rowadr, m.M_colind, m.M_elemid]
         rows = [d.efc.J_rownnz, d.efc.J_rowadr, d.efc.J_colind, d.efc.J, d.efc.D, d.efc.aref, d.efc.frictionloss]
-        inputs = [m.opt.tolerance, m.opt.ls_tolerance, d.ne, d.nf, d.nefc, m.M_elemid, d.M, *rows]
+        inputs = [m.opt.tolerance, m.opt.ls_tolerance, d.ne, d.nf, d.nefc, *inertia, d.M, *rows]
         inputs += [d.qacc_warmstart, d.qacc_smooth, d.qfrc_smooth]
         outputs = [d.solver_niter, d.overflow, d.qacc, d.efc.Ma, d.qfrc_constraint, d.efc.force, d.efc.state]
-        for kernel in newton_kernels(size, states + bits):
-            warp.launch_tiled(kernel, dim=[d.nworld], inputs=inputs, outputs=outputs, block_dim=THREADS)
+        launch_newton(size, states + bits, inputs, outputs)
         if m.opt.noslip_iterations > 0:
             solver.noslip(m, d)
 

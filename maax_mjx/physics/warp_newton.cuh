@@ -1,60 +1,73 @@
 // The body of one thread of `warp_newton`: Newton's method on the constraint forces of one world, by the LANES threads of
 // a block. It follows MJX-Warp's solver step by step: the same costs, line search and criteria to stop.
 //
-// All of a world's data live in shared memory. Sets of degrees of freedom are 64-bit masks: the columns of a row of the
-// Jacobian, of the inertia, and of the Hessian's factor, so that what is zero costs nothing.
+// All of a world's data live in shared memory. Degrees of freedom are taken in blocks of four, and the blocks that a row
+// of the Jacobian, of the inertia or of the Hessian's factor has are bits of a set: what is zero costs nothing. Rows are
+// sorted into groups that have the same blocks, as those of all contacts of a box with floor and walls have.
 //
-// The caller defines NV, ROWS, ENTRIES, SPARSE, STRIDE, WARMSTART, ITERATIONS, LS_ITERATIONS, RESIDENT, the bits
-// NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC, LINEARNEG and LINEARPOS.
-// RESIDENT: rows are copied into shared memory; a world with more than ROWS rows or ENTRIES entries is left, with -1 as
-// its iterations. Not RESIDENT: takes these worlds, and reads rows where they are.
+// The caller defines NV, CAPACITY, ROWS, ENTRIES, BLOCKS, BYTES, IS_LAST, SPARSE, STRIDE, WARMSTART, ITERATIONS,
+// LS_ITERATIONS, the bits NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC, LINEARNEG
+// and LINEARPOS. A world with more than ROWS rows, ENTRIES blocks in them or BLOCKS blocks of the factor is noted in
+// `left`; with IS_LAST there is none.
 
-typedef unsigned long long Set;
+typedef unsigned Set;
 
 #if defined(__CUDA_ARCH__)
 #define LANES 32
-#define SHARED __shared__
 #define SYNC() __syncwarp()
-#define COUNT(set) __popcll(set)
-#define FIRST(set) (__ffsll(set) - 1)
+#define COUNT(set) __popc(set)
+#define FIRST(set) (__ffs(set) - 1)
 #else
 #define LANES 1
-#define SHARED
 #define SYNC()
-#define COUNT(set) __builtin_popcountll(set)
-#define FIRST(set) __builtin_ctzll(set)
+#define COUNT(set) __builtin_popcount(set)
+#define FIRST(set) __builtin_ctz(set)
 #endif
+#define N_BLOCKS ((NV + 3) / 4)
+#define PADDED (4 * N_BLOCKS)
 #define BELOW(i) ((Set(1) << (i)) - 1)
-#define ALL (~Set(0) >> (64 - NV))
-#define EACH_FROM(i, begin, n) for (int i = (begin) + lane; i < (n); i += LANES)
-#define EACH(i, n) EACH_FROM(i, 0, n)
-#define EACH_IN(c, set) for (Set rest_##c = (set), c = 0; rest_##c && (c = FIRST(rest_##c), true); rest_##c &= rest_##c - 1)
-#define LOWER(i, j) hessian[(i) * ((i) + 1) / 2 + (j)]
-#define INERTIA_ID(i, j) inertia_id[(i) > (j) ? (i) * NV + (j) : (j) * NV + (i)]
+#define HAS(set, i) ((set) >> (i) & 1)
+#define EACH(i, n) for (int i = lane; i < (n); i += LANES)
+#define EACH_IN(i, set) for (Set rest_##i = (set), i = 0; rest_##i && (i = FIRST(rest_##i), true); rest_##i &= rest_##i - 1)
 
 const float TINY = 1e-15f;
 // Rounding of sums, in units of their terms; MJX-Warp allows for so much, too.
 const float NOISE = 8.0f * 1.1920929e-07f;
 // A pivot is at least so much of the inertia: rows only add to it, what is less has been lost to rounding.
 const float LEAST_PIVOT = 1e-4f;
+// Kinds of rows.
+const unsigned char EQUALITY = 0, FRICTION = 1, ONE_SIDED = 2;
 
-// One row more than the Hessian has: the gradient, whose factor is the first half of the solution.
-SHARED float hessian[(NV + 1) * (NV + 2) / 2];
-SHARED float inverse_pivot[NV], diagonal[NV], qacc[NV], ma[NV], smooth[NV], grad[NV], search[NV], mv[NV];
-SHARED Set in_inertia[NV], in_factor[NV + 1], in_row[ROWS];
-SHARED float jaref[ROWS], jv[ROWS], stiffness[ROWS], force[ROWS];
-SHARED unsigned char state[ROWS];
-SHARED short first_row[ROWS + 1];
-SHARED int column[NV];
-#if RESIDENT
-SHARED short address[ROWS];
-SHARED float entry[ENTRIES];
-#define ENTRIES_OF(r) (entry + address[r])
-#elif SPARSE
-#define ENTRIES_OF(r) (J + row_address[r])
+struct alignas(16) Four {
+    float x[4];
+};
+struct Block {
+    Four row[4];
+    // Keeps blocks that are read at the same time in different banks.
+    Four unused;
+};
+struct World {
+    Block hessian[BLOCKS];
+    Four inertia[PADDED], entry[ENTRIES];
+    Four qacc[N_BLOCKS], ma[N_BLOCKS], smooth[N_BLOCKS], grad[N_BLOCKS], half[N_BLOCKS], search[N_BLOCKS], mv[N_BLOCKS];
+    float inverse_pivot[PADDED];
+    float jaref[ROWS], jv[ROWS], stiffness[ROWS], force[ROWS];
+    Set far[N_BLOCKS], below[N_BLOCKS], above[N_BLOCKS];
+    int level[N_BLOCKS], first_block[N_BLOCKS + 1];
+    unsigned short in_row[ROWS], unsorted[ROWS];
+    short address[ROWS], origin[ROWS], place[ROWS], first_row[ROWS + 1];
+    unsigned char state[ROWS], kind[ROWS], group[ROWS];
+};
+static_assert(sizeof(World) <= BYTES, "Size.shared_bytes is too little");
+#if defined(__CUDA_ARCH__)
+extern __shared__ char dynamic_smem_base[];
+World& w = *reinterpret_cast<World*>(dynamic_smem_base);
 #else
-#define ENTRIES_OF(r) (J + (r) * STRIDE)
+World w;
 #endif
+float *const qacc = w.qacc->x, *const ma = w.ma->x, *const smooth = w.smooth->x, *const grad = w.grad->x;
+float *const search = w.search->x, *const mv = w.mv->x;
+float *const jaref = w.jaref, *const jv = w.jv, *const stiffness = w.stiffness, *const force = w.force;
 
 auto sum = [](float x) {
 #if defined(__CUDA_ARCH__)
@@ -63,257 +76,373 @@ auto sum = [](float x) {
 #endif
     return x;
 };
-// The sum of the lanes before this one; `total` is that of all.
-auto sum_before = [&](int x, int& total) {
-    int before = 0;
-    total = x;
+auto in_any = [](Set x) {
 #if defined(__CUDA_ARCH__)
-    int through = x;
-    for (int step = 1; step < 32; step *= 2) {
-        int other = __shfl_up_sync(0xffffffffu, through, step);
-        if (lane >= step)
-            through += other;
-    }
-    before = through - x;
-    total = __shfl_sync(0xffffffffu, through, 31);
-#endif
-    return before;
-};
-auto of_first_lane = [](float x) {
-#if defined(__CUDA_ARCH__)
-    x = __shfl_sync(0xffffffffu, x, 0);
+    for (int step = 16; step; step /= 2)
+        x |= __shfl_xor_sync(0xffffffffu, x, step);
 #endif
     return x;
 };
+// The lanes for which something is so, as bits.
+auto lanes_with = [](bool is_so) {
+#if defined(__CUDA_ARCH__)
+    return __ballot_sync(0xffffffffu, is_so);
+#else
+    return Set(is_so);
+#endif
+};
 
 const int n = n_rows < CAPACITY ? n_rows : CAPACITY;
-#if RESIDENT
-if (n > ROWS) {
+#if !IS_LAST
+auto leave = [&]() {
     if (lane == 0)
-        n_iterations[world] = -1;
+        left[wp::atomic_add(n_left, 0, 1)] = world;
+};
+if (n > ROWS) {
+    leave();
     return;
 }
-#else
-if (n_iterations[world] >= 0)
-    return;
 #endif
 
-// Rows: which columns each has, and their values.
-int n_entries = 0;
-for (int start = 0; start < n; start += LANES) {
-    const int r = start + lane;
-    Set columns = 0;
-    if (r < n) {
-#if SPARSE
-        int* cols = columns_of_rows + row_address[r];
-        const int length = row_length[r];
-        for (int k = 0; k < length; k++)
-            columns |= Set(1) << cols[k];
-#if !RESIDENT
-        // Entries in the order of their columns, as those of a set are.
-        float* values = J + row_address[r];
-        for (int k = 1; k < length; k++)
-            for (int at = k; at > 0 && cols[at] < cols[at - 1]; at--) {
-                const int c = cols[at];
-                const float value = values[at];
-                cols[at] = cols[at - 1], values[at] = values[at - 1];
-                cols[at - 1] = c, values[at - 1] = value;
-            }
-#endif
-#elif RESIDENT
-        for (int c = 0; c < NV; c++)
-            if (J[r * STRIDE + c] != 0.0f)
-                columns |= Set(1) << c;
-#else
-        columns = ALL;
-#endif
-        in_row[r] = columns;
-    }
-#if RESIDENT
-    int total;
-    const int before = sum_before(COUNT(columns), total);
-    if (r < n)
-        address[r] = n_entries + before;
-    n_entries += total;
-#endif
-}
-#if RESIDENT
-if (n_entries > ENTRIES) {
-    if (lane == 0)
-        n_iterations[world] = -1;
-    return;
-}
+// Which blocks each row has.
 EACH(r, n) {
+    Set blocks = 0;
 #if SPARSE
-    for (int k = 0; k < row_length[r]; k++) {
-        const int c = columns_of_rows[row_address[r] + k];
-        entry[address[r] + COUNT(in_row[r] & BELOW(c))] = J[row_address[r] + k];
-    }
+    for (int k = 0; k < row_length[r]; k++)
+        blocks |= Set(1) << (columns_of_rows[row_address[r] + k] >> 2);
 #else
-    float* to = entry + address[r];
-    EACH_IN(c, in_row[r])
-        *to++ = J[r * STRIDE + c];
+    for (int c = 0; c < NV; c++)
+        if (J[r * STRIDE + c] != 0.0f)
+            blocks |= Set(1) << (c >> 2);
 #endif
+    w.unsorted[r] = blocks;
+    w.place[r] = -1;
 }
-#endif
+EACH(i, PADDED)
+    w.inertia[i] = Four{};
+EACH(b, N_BLOCKS)
+    w.far[b] = w.below[b] = 0, w.level[b] = 0;
 SYNC();
 
-// Runs of rows with the same columns, as those of a contact have: each begins at `first_row` and ends at the next.
-int n_runs = 0;
+// Groups of rows with the same blocks: their rows lie together, from `first_row` of the group to that of the next.
+int n_groups = 0, n_placed = 0, n_entries = 0;
 for (int start = 0; start < n; start += LANES) {
-    const int r = start + lane;
-    const int is_first = r < n && (r == 0 || in_row[r] != in_row[r - 1]);
-    int total;
-    const int before = sum_before(is_first, total);
-    if (is_first)
-        first_row[n_runs + before] = r;
-    n_runs += total;
+    Set rest = lanes_with(start + lane < n && w.place[start + lane < n ? start + lane : 0] < 0);
+    while (rest) {
+        const Set blocks = w.unsorted[start + FIRST(rest)];
+        const int length = COUNT(blocks), begin = n_placed;
+        for (int other = start; other < n; other += LANES) {
+            const int r = other + lane;
+            const bool is_in = r < n && w.unsorted[r] == blocks;
+            const Set found = lanes_with(is_in);
+            if (is_in) {
+                const int p = n_placed + COUNT(found & BELOW(lane));
+                w.place[r] = p, w.origin[p] = r, w.in_row[p] = blocks;
+                w.address[p] = n_entries + length * (p - begin);
+                w.group[p] = n_groups < 31 ? n_groups : 31;
+            }
+            n_placed += COUNT(found);
+            if (other == start)
+                rest &= ~found;
+        }
+        n_entries += length * (n_placed - begin);
+        if (lane == 0)
+            w.first_row[n_groups] = begin;
+        n_groups++;
+        EACH(b, N_BLOCKS)
+            if (HAS(blocks, b))
+                w.below[b] |= blocks & BELOW(b);
+    }
 }
 if (lane == 0)
-    first_row[n_runs] = n;
-
-float trace = 0.0f;
+    w.first_row[n_groups] = n;
+#if !IS_LAST
+if (n_entries > ENTRIES) {
+    leave();
+    return;
+}
+#endif
 EACH(i, NV) {
-    Set columns = 0;
-    for (int c = 0; c < NV; c++)
-        if (INERTIA_ID(i, c) >= 0)
-            columns |= Set(1) << c;
-    in_inertia[i] = columns;
-    diagonal[i] = M[INERTIA_ID(i, i)];
-    trace += diagonal[i];
+    for (int k = 0; k < inertia_length[i]; k++) {
+        const int c = inertia_column[inertia_address[i] + k];
+        if (c >> 2 == i >> 2) {
+            const float value = M[inertia_address[i] + k];
+            w.inertia[i].x[c & 3] = value;
+            w.inertia[c].x[i & 3] = value;
+        }
+    }
     qacc[i] = WARMSTART && n > 0 ? qacc_warmstart[i] : qacc_smooth[i];
     smooth[i] = qfrc_smooth[i];
 }
+EACH(i, PADDED)
+    if (i >= NV) {
+        w.inertia[i].x[i & 3] = 1.0f;
+        qacc[i] = smooth[i] = 0.0f;
+    }
+// Blocks that the inertia couples with others.
+EACH(b, N_BLOCKS)
+    for (int i = 4 * b; i < 4 * b + 4 && i < NV; i++)
+        for (int k = 0; k < inertia_length[i]; k++)
+            if (inertia_column[inertia_address[i] + k] >> 2 != b)
+                w.far[b] |= Set(1) << (inertia_column[inertia_address[i] + k] >> 2);
+Set is_far = 0;
+EACH(b, N_BLOCKS)
+    is_far |= w.far[b], w.below[b] |= w.far[b];
+const bool has_far = in_any(is_far) != 0;
+SYNC();
+
+// Blocks that the factor has, and levels: a block's factor needs those of lower levels.
+for (int j = 0; j < N_BLOCKS; j++) {
+    Set above = 0;
+    for (int start = 0; start < N_BLOCKS; start += LANES)
+        above |= lanes_with(start + lane < N_BLOCKS && HAS(w.below[start + lane < N_BLOCKS ? start + lane : 0], j)) << start;
+    if (lane == 0)
+        w.above[j] = above;
+    if (!above)
+        continue;
+    EACH(i, N_BLOCKS)
+        if (HAS(above, i)) {
+            w.below[i] |= above & BELOW(i);
+            w.level[i] = w.level[i] > w.level[j] ? w.level[i] : w.level[j] + 1;
+        }
+    SYNC();
+}
+int n_blocks = 0, n_levels = 0;
+for (int b = 0; b < N_BLOCKS; b++) {
+    if (lane == 0)
+        w.first_block[b] = n_blocks;
+    n_blocks += COUNT(w.below[b]) + 1;
+    n_levels = w.level[b] >= n_levels ? w.level[b] + 1 : n_levels;
+}
+if (lane == 0)
+    w.first_block[N_BLOCKS] = n_blocks;
+#if !IS_LAST
+if (n_blocks > BLOCKS) {
+    leave();
+    return;
+}
+#endif
+EACH(r, n) {
+    const int p = w.place[r];
+    Four* to = w.entry + w.address[p];
+#if SPARSE
+    const Set blocks = w.in_row[p];
+    for (int k = 0; k < COUNT(blocks); k++)
+        to[k] = Four{};
+    for (int k = 0; k < row_length[r]; k++) {
+        const int c = columns_of_rows[row_address[r] + k];
+        to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] = J[row_address[r] + k];
+    }
+#else
+    EACH_IN(b, Set(w.in_row[p])) {
+        for (int c = 0; c < 4; c++)
+            to->x[c] = 4 * b + c < NV ? J[r * STRIDE + 4 * b + c] : 0.0f;
+        to++;
+    }
+#endif
+    stiffness[p] = efc_D[r];
+    jaref[p] = -efc_aref[r];
+    w.kind[p] = r < n_equalities ? EQUALITY : r < n_equalities + n_frictions ? FRICTION : ONE_SIDED;
+    w.state[p] = 255;
+}
+float trace = 0.0f;
+EACH(i, NV)
+    trace += w.inertia[i].x[i & 3];
 const float scale = 1.0f / wp::max(TINY, sum(trace));
 SYNC();
 
-auto times_inertia = [&](const float* x, float* y) {
-    EACH(i, NV) {
-        float total = 0.0f;
-        EACH_IN(c, in_inertia[i])
-            total += M[INERTIA_ID(i, (int)c)] * x[c];
-        y[i] = total;
+auto dot = [](const Four& a, const Four& b) {
+    return a.x[0] * b.x[0] + a.x[1] * b.x[1] + a.x[2] * b.x[2] + a.x[3] * b.x[3];
+};
+auto times_inertia = [&](const Four* x, Four* y) {
+    EACH(i, PADDED) {
+        float total = dot(w.inertia[i], x[i >> 2]);
+        if (has_far && i < NV)
+            for (int c = 0; c < NV; c++) {
+                const int id = c >> 2 == i >> 2 ? -1 : c < i ? inertia_id[i * NV + c] : inertia_id[c * NV + i];
+                if (id >= 0)
+                    total += M[id] * x[c >> 2].x[c & 3];
+            }
+        y[i >> 2].x[i & 3] = total;
     }
 };
-auto row_times = [&](int r, const float* x) {
-    const float* value = ENTRIES_OF(r);
+auto row_times = [&](int p, const Four* x) {
+    const Four* value = w.entry + w.address[p];
     float total = 0.0f;
-    EACH_IN(c, in_row[r])
-        total += *value++ * x[c];
+    EACH_IN(b, Set(w.in_row[p]))
+        total += dot(*value++, x[b]);
     return total;
 };
+auto ratio = [](float x, float y) { return y != 0.0f ? x / y : 0.0f; };
 
-// States and forces of all rows; returns how many states changed.
+// Groups in which a row has a force or is in the Hessian, as bits, the last for all from the 32nd on.
+Set is_active = 0;
+// States and forces of all rows; returns whether a state has changed.
 auto update_rows = [&]() {
-    float n_changed = 0.0f;
-    EACH(r, n) {
-        const float x = jaref[r], d = stiffness[r];
+    bool has_changed = false;
+    Set active = 0;
+    EACH(p, n) {
+        const float x = jaref[p], d = stiffness[p];
         float f = -d * x;
         int now = QUADRATIC;
-        if (r >= n_equalities + n_frictions) {
+        if (w.kind[p] == ONE_SIDED) {
             if (x >= 0.0f)
                 f = 0.0f, now = SATISFIED;
-        } else if (r >= n_equalities) {
-            const float loss = frictionloss[r], limit = d != 0.0f ? loss / d : 0.0f;
+        } else if (w.kind[p] == FRICTION) {
+            const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);
             if (x <= -limit)
                 f = loss, now = LINEARNEG;
             else if (x >= limit)
                 f = -loss, now = LINEARPOS;
         }
-        n_changed += now != state[r];
-        state[r] = now;
-        force[r] = f;
+        has_changed |= now != w.state[p];
+        w.state[p] = now;
+        force[p] = f;
+        if (now != SATISFIED)
+            active |= Set(1) << w.group[p];
     }
-    return sum(n_changed);
+    is_active = in_any(active);
+    return lanes_with(has_changed) != 0;
 };
 
 float grad_dot, search_dot, decrement;
 
-// The gradient, the Hessian from the inertia and the rows that are active, and the direction of search from them.
-auto update_search = [&]() {
-    EACH(i, NV) {
-        for (int j = 0; j < i; j++)
-            LOWER(i, j) = 0.0f;
-        EACH_IN(c, in_inertia[i] & BELOW(i))
-            LOWER(i, c) = M[INERTIA_ID(i, (int)c)];
-        LOWER(i, i) = diagonal[i];
-        in_factor[i] = in_inertia[i] & BELOW(i);
+// The block of the Hessian in row i and column j of blocks.
+auto block = [&](int i, int j) -> Block& { return w.hessian[w.first_block[i] + COUNT(w.below[i] & BELOW(j))]; };
+
+// The gradient, and the Hessian from the inertia and the rows that are active.
+auto update_hessian = [&]() {
+    for (int q = lane; q < 4 * n_blocks; q += LANES)
+        w.hessian[q >> 2].row[q & 3] = Four{};
+    EACH(i, PADDED)
         grad[i] = ma[i] - smooth[i];
-    }
     SYNC();
-    for (int run = 0; run < n_runs; run++) {
-        const int begin = first_row[run], end = first_row[run + 1];
-        bool is_active = false;
-        for (int r = begin; r < end; r++)
-            is_active |= force[r] != 0.0f || state[r] == QUADRATIC;
-        if (!is_active)
-            continue;
-        const Set columns = in_row[begin];
-        EACH(c, NV)
-            if (columns >> c & 1) {
-                column[COUNT(columns & BELOW(c))] = c;
-                in_factor[c] |= columns & BELOW(c);
+    EACH(i, PADDED)
+        block(i >> 2, i >> 2).row[i & 3] = w.inertia[i];
+    if (has_far)
+        EACH(i, NV)
+            for (int k = 0; k < inertia_length[i]; k++) {
+                const int c = inertia_column[inertia_address[i] + k];
+                if (c >> 2 != i >> 2)
+                    block(i >> 2, c >> 2).row[i & 3].x[c & 3] = M[inertia_address[i] + k];
             }
-        SYNC();
-        const int length = COUNT(columns), n_pairs = length * (length + 1) / 2;
-        EACH(p, n_pairs + length) {
+    SYNC();
+    for (int g = 0; g < n_groups; g++) {
+        if (!HAS(is_active, g < 31 ? g : 31))
+            continue;
+        const int begin = w.first_row[g], end = w.first_row[g + 1];
+        const Set blocks = w.in_row[begin];
+        const int length = COUNT(blocks), n_products = 8 * length * (length + 1);
+        const Four* first = w.entry + w.address[begin];
+        auto nth = [&](int k) {
+            Set rest = blocks;
+            while (k-- > 0)
+                rest &= rest - 1;
+            return FIRST(rest);
+        };
+        EACH(t, n_products + 4 * length) {
             float total = 0.0f;
-            if (p < n_pairs) {
-                // The p-th pair a >= b, counted along the rows of a triangle.
-                const int a = (int)((sqrtf(8.0f * p + 1.0f) - 1.0f) * 0.5f), b = p - a * (a + 1) / 2;
-                for (int r = begin; r < end; r++)
-                    if (state[r] == QUADRATIC)
-                        total += stiffness[r] * ENTRIES_OF(r)[a] * ENTRIES_OF(r)[b];
-                LOWER(column[a], column[b]) += total;
+            const Four* entry = first;
+            if (t < n_products) {
+                // Pairs u >= v of the group's blocks, and the entries of their product.
+                int u = 0, v = t >> 4;
+                while (v > u)
+                    v -= ++u;
+                const int a = t >> 2 & 3, c = t & 3;
+                for (int p = begin; p < end; p++, entry += length)
+                    if (w.state[p] == QUADRATIC)
+                        total += stiffness[p] * entry[u].x[a] * entry[v].x[c];
+                block(nth(u), nth(v)).row[a].x[c] += total;
             } else {
-                const int a = p - n_pairs;
-                for (int r = begin; r < end; r++)
-                    total += force[r] * ENTRIES_OF(r)[a];
-                grad[column[a]] -= total;
+                const int u = (t - n_products) >> 2, a = t & 3;
+                for (int p = begin; p < end; p++, entry += length)
+                    total += force[p] * entry[u].x[a];
+                grad[4 * nth(u) + a] -= total;
             }
         }
         SYNC();
     }
-    EACH(i, NV)
-        LOWER(NV, i) = grad[i];
-    if (lane == 0)
-        in_factor[NV] = ALL;
-    SYNC();
-    // Cholesky's factor, column by column, each lane a row.
-    for (int j = 0; j < NV; j++) {
-        const Set in_j = in_factor[j];
-        float inverse = 0.0f;
-        for (int start = j; start <= NV; start += LANES) {
-            const int i = start + lane;
-            float x = 0.0f;
-            bool is_in = false;
-            if (i <= NV) {
-                const Set common = in_factor[i] & in_j;
-                is_in = i == j || common || (in_factor[i] >> j & 1);
-                if (is_in) {
-                    x = LOWER(i, j);
-                    EACH_IN(k, common)
-                        x -= LOWER(i, k) * LOWER(j, k);
+};
+
+// The direction of search: Cholesky's factor by levels, with the first half of the solution, then the second half.
+auto solve = [&]() {
+    for (int now = 0; now < n_levels; now++) {
+        Set of_level = 0;
+        EACH(j, N_BLOCKS) {
+            if (w.level[j] != now)
+                continue;
+            Block& pivot = block(j, j);
+            Block d = pivot;
+            Four y = w.grad[j];
+            EACH_IN(k, w.below[j]) {
+                const Block l = block(j, k);
+                const Four z = w.half[k];
+                for (int a = 0; a < 4; a++) {
+                    for (int c = 0; c <= a; c++)
+                        d.row[a].x[c] -= dot(l.row[a], l.row[c]);
+                    y.x[a] -= dot(l.row[a], z);
                 }
             }
-            if (start == j)
-                inverse = 1.0f / sqrtf(wp::max(of_first_lane(x), LEAST_PIVOT * diagonal[j]));
-            if (is_in && i > j) {
-                LOWER(i, j) = x * inverse;
-                in_factor[i] |= Set(1) << j;
+            for (int c = 0; c < 4; c++) {
+                const float least = LEAST_PIVOT * w.inertia[4 * j + c].x[c];
+                const float inverse = 1.0f / sqrtf(wp::max(d.row[c].x[c], least));
+                for (int a = c + 1; a < 4; a++)
+                    d.row[a].x[c] *= inverse;
+                for (int a = c + 1; a < 4; a++)
+                    for (int b = c + 1; b <= a; b++)
+                        d.row[a].x[b] -= d.row[a].x[c] * d.row[b].x[c];
+                y.x[c] *= inverse;
+                for (int a = c + 1; a < 4; a++)
+                    y.x[a] -= d.row[a].x[c] * y.x[c];
+                w.inverse_pivot[4 * j + c] = inverse;
+            }
+            pivot = d;
+            w.half[j] = y;
+            of_level |= Set(1) << j;
+        }
+        of_level = in_any(of_level);
+        SYNC();
+        EACH(q, PADDED) {
+            const int i = q >> 2, a = q & 3;
+            EACH_IN(j, w.below[i] & of_level) {
+                Four& at = block(i, j).row[a];
+                Four x = at;
+                EACH_IN(k, w.below[i] & w.below[j]) {
+                    const Four left = block(i, k).row[a];
+                    for (int c = 0; c < 4; c++)
+                        x.x[c] -= dot(left, block(j, k).row[c]);
+                }
+                const Block& pivot = block(j, j);
+                for (int c = 0; c < 4; c++) {
+                    for (int b = 0; b < c; b++)
+                        x.x[c] -= x.x[b] * pivot.row[c].x[b];
+                    x.x[c] *= w.inverse_pivot[4 * j + c];
+                }
+                at = x;
             }
         }
-        if (lane == 0)
-            inverse_pivot[j] = inverse;
         SYNC();
     }
-    for (int j = NV - 1; j >= 0; j--) {
-        const float x = LOWER(NV, j) * inverse_pivot[j];
-        EACH(k, j)
-            if (in_factor[j] >> k & 1)
-                LOWER(NV, k) -= LOWER(j, k) * x;
-        if (lane == 0)
-            search[j] = -x;
+    for (int now = n_levels - 1; now >= 0; now--) {
+        EACH(j, N_BLOCKS) {
+            if (w.level[j] != now)
+                continue;
+            Four x = w.half[j];
+            EACH_IN(i, w.above[j]) {
+                const Block& l = block(i, j);
+                const Four s = w.search[i];
+                for (int a = 0; a < 4; a++)
+                    for (int c = 0; c < 4; c++)
+                        x.x[c] += l.row[a].x[c] * s.x[a];
+            }
+            const Block& pivot = block(j, j);
+            for (int c = 3; c >= 0; c--) {
+                for (int a = c + 1; a < 4; a++)
+                    x.x[c] -= pivot.row[a].x[c] * x.x[a];
+                x.x[c] *= w.inverse_pivot[4 * j + c];
+            }
+            w.search[j] = Four{-x.x[0], -x.x[1], -x.x[2], -x.x[3]};
+        }
         SYNC();
     }
     float of_grad = 0.0f, of_search = 0.0f, of_both = 0.0f;
@@ -325,12 +454,9 @@ auto update_search = [&]() {
     grad_dot = sum(of_grad), search_dot = sum(of_search), decrement = sum(of_both);
 };
 
-times_inertia(qacc, ma);
-EACH(r, n) {
-    stiffness[r] = efc_D[r];
-    jaref[r] = row_times(r, qacc) - efc_aref[r];
-    state[r] = 255;
-}
+times_inertia(w.qacc, w.ma);
+EACH(p, n)
+    jaref[p] += row_times(p, w.qacc);
 SYNC();
 update_rows();
 SYNC();
@@ -341,13 +467,27 @@ if (n == 0) {
     EACH(i, NV)
         grad[i] = ma[i] - smooth[i];
 } else {
-    update_search();
-    bool is_new = true, is_done = false;
-    while (iteration < ITERATIONS && !is_done) {
+    bool is_new = true;
+    float alpha = 1.0f, improvement = 0.0f;
+    while (true) {
         if (is_new) {
-            times_inertia(search, mv);
-            EACH(r, n)
-                jv[r] = row_times(r, search);
+            update_hessian();
+            solve();
+            grad_scale = 1.0f;
+        }
+        const float improved = scale * improvement;
+        const bool is_done = alpha == 0.0f || (improved > 0.0f && improved < tolerance) ||
+                             scale * sqrtf(grad_dot) < tolerance || 0.5f * scale * decrement < tolerance;
+        if (iteration > 0 && is_done)
+            break;
+        if (iteration == ITERATIONS) {
+            overflows |= NO_ITERATIONS_LEFT;
+            break;
+        }
+        if (is_new) {
+            times_inertia(w.search, w.mv);
+            EACH(p, n)
+                jv[p] = row_times(p, w.search);
             SYNC();
         }
 
@@ -360,10 +500,12 @@ if (n == 0) {
             slope += search[i] * (ma[i] - smooth[i]);
             half_curvature += 0.5f * search[i] * mv[i];
         }
-        EACH(r, n_equalities) {
-            const float stiff = jv[r] * stiffness[r];
-            slope += stiff * jaref[r];
-            half_curvature += 0.5f * jv[r] * stiff;
+        EACH(p, n) {
+            if (w.kind[p] != EQUALITY)
+                continue;
+            const float stiff = jv[p] * stiffness[p];
+            slope += stiff * jaref[p];
+            half_curvature += 0.5f * jv[p] * stiff;
         }
         slope = sum(slope), half_curvature = sum(half_curvature);
 
@@ -372,10 +514,12 @@ if (n == 0) {
                 return 0.5f * d * x * x;
             return x <= -limit ? loss * (-0.5f * limit - x) : loss * (-0.5f * limit + x);
         };
-        // Adds what a row, which is no equality, has at a step of alpha.
-        auto add_row = [&](int r, float alpha, Point& point) {
-            const float x0 = jaref[r], v = jv[r], d = stiffness[r], x = x0 + alpha * v, stiff = v * d;
-            if (r >= n_equalities + n_frictions) {
+        // Adds what a row has at a step of alpha; equalities are in slope and curvature already.
+        auto add_row = [&](int p, float alpha, Point& point) {
+            if (w.kind[p] == EQUALITY)
+                return;
+            const float x0 = jaref[p], v = jv[p], d = stiffness[p], x = x0 + alpha * v, stiff = v * d;
+            if (w.kind[p] == ONE_SIDED) {
                 const float cost0 = 0.5f * d * x0 * x0, began = x0 < 0.0f ? cost0 : 0.0f;
                 if (x < 0.0f) {
                     const float curvature = v * stiff, change = alpha * curvature;
@@ -387,7 +531,7 @@ if (n == 0) {
                 }
                 return;
             }
-            const float loss = frictionloss[r], limit = d != 0.0f ? loss / d : 0.0f;
+            const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);
             point.cost += friction_cost(x, loss, limit, d) - friction_cost(x0, loss, limit, d);
             if (-limit < x && x < limit)
                 point.slope += stiff * x, point.curvature += v * stiff;
@@ -402,17 +546,18 @@ if (n == 0) {
             return Point{point.cost + sum(rows.cost), point.slope + sum(rows.slope),
                          point.curvature + sum(rows.curvature), point.alpha};
         };
-        auto ratio = [](float x, float y) { return y != 0.0f ? x / y : 0.0f; };
 
         // Where it begins, with the cost of the rows themselves, of which the noise is made.
         Point rows{};
-        EACH_FROM(r, n_equalities, n) {
-            const float x = jaref[r], v = jv[r], d = stiffness[r];
-            if (r >= n_equalities + n_frictions) {
+        EACH(p, n) {
+            if (w.kind[p] == EQUALITY)
+                continue;
+            const float x = jaref[p], v = jv[p], d = stiffness[p];
+            if (w.kind[p] == ONE_SIDED) {
                 if (x < 0.0f)
                     rows.cost += 0.5f * d * x * x, rows.slope += v * d * x, rows.curvature += v * v * d;
             } else {
-                const float loss = frictionloss[r], limit = d != 0.0f ? loss / d : 0.0f;
+                const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);
                 rows.cost += friction_cost(x, loss, limit, d);
                 if (-limit < x && x < limit)
                     rows.slope += v * d * x, rows.curvature += v * v * d;
@@ -427,14 +572,14 @@ if (n == 0) {
         const float accepted = wp::max(tolerance_of_slope, NOISE * terms);
         const float least_alpha = NOISE * wp::max(1.0f, ratio(terms, origin.curvature));
 
-        float alpha = 0.0f, improvement = 0.0f;
+        alpha = improvement = 0.0f;
         bool is_found = fabsf(origin.slope) < NOISE * terms;
         auto is_accepted = [&](const Point& point) { return fabsf(point.slope) < accepted && point.cost < 0.0f; };
         if (!is_found) {
             const float newton = -ratio(origin.slope, origin.curvature);
             rows = Point{};
-            EACH_FROM(r, n_equalities, n)
-                add_row(r, newton, rows);
+            EACH(p, n)
+                add_row(p, newton, rows);
             const Point guess = plus(at(newton), rows);
             if (is_accepted(guess)) {
                 is_found = true;
@@ -443,22 +588,22 @@ if (n == 0) {
             if (!is_found) {
                 const bool is_less = guess.slope < origin.slope;
                 Point lo = is_less ? guess : origin, hi = is_less ? origin : guess;
-                for (int k = 0; k < LS_ITERATIONS && !is_found; k++) {
+                for (int step = 0; step < LS_ITERATIONS && !is_found; step++) {
                     const float alphas[3] = {lo.alpha - ratio(lo.slope, lo.curvature),
                                              hi.alpha - ratio(hi.slope, hi.curvature), 0.5f * (lo.alpha + hi.alpha)};
                     Point next[3] = {};
-                    EACH_FROM(r, n_equalities, n)
-                        for (int p = 0; p < 3; p++)
-                            add_row(r, alphas[p], next[p]);
-                    for (int p = 0; p < 3; p++)
-                        next[p] = plus(at(alphas[p]), next[p]);
+                    EACH(p, n)
+                        for (int k = 0; k < 3; k++)
+                            add_row(p, alphas[k], next[k]);
+                    for (int k = 0; k < 3; k++)
+                        next[k] = plus(at(alphas[k]), next[k]);
                     const Point &lo_next = next[0], &hi_next = next[1], &mid = next[2];
                     bool swapped = false;
                     if (is_accepted(lo_next) || is_accepted(hi_next) || is_accepted(mid)) {
                         lo.cost = 1e10f;
-                        for (int p = 0; p < 3; p++)
-                            if (is_accepted(next[p]) && next[p].cost < lo.cost)
-                                lo = next[p];
+                        for (int k = 0; k < 3; k++)
+                            if (is_accepted(next[k]) && next[k].cost < lo.cost)
+                                lo = next[k];
                         hi = lo;
                         is_found = true;
                     } else {
@@ -496,28 +641,19 @@ if (n == 0) {
             qacc[i] += alpha * search[i];
             ma[i] += alpha * mv[i];
         }
-        EACH(r, n)
-            jaref[r] += alpha * jv[r];
-        SYNC();
+        EACH(p, n)
+            jaref[p] += alpha * jv[p];
         // Where no state changes, the cost was quadratic: the gradient only becomes shorter, and so does the direction.
         // A step that is mere rounding ends that.
-        is_new = update_rows() > 0.0f || fabsf(alpha) < least_alpha;
+        is_new = update_rows() || fabsf(alpha) < least_alpha;
         SYNC();
-        if (is_new) {
-            update_search();
-            grad_scale = 1.0f;
-        } else {
+        if (!is_new) {
             const float left = grad_scale - alpha, share = ratio(left, grad_scale);
             grad_dot *= share * share, decrement *= share * share;
             grad_scale = left;
         }
         iteration++;
-        const float improved = scale * improvement;
-        is_done = alpha == 0.0f || (improved > 0.0f && improved < tolerance) || scale * sqrtf(grad_dot) < tolerance ||
-                  0.5f * scale * decrement < tolerance;
     }
-    if (!is_done && iteration == ITERATIONS)
-        overflows |= NO_ITERATIONS_LEFT;
 }
 
 EACH(i, NV) {
@@ -525,12 +661,14 @@ EACH(i, NV) {
     ma_out[i] = ma[i];
     qfrc_constraint_out[i] = n ? ma[i] - smooth[i] - grad_scale * grad[i] : 0.0f;
 }
-EACH(r, n) {
-    force_out[r] = force[r];
-    state_out[r] = state[r];
+EACH(p, n) {
+    force_out[w.origin[p]] = force[p];
+    state_out[w.origin[p]] = w.state[p];
 }
 if (lane == 0) {
     n_iterations[world] = iteration;
     if (overflows)
         overflow[world] |= overflows;
 }
+// The next world of this block may only begin when all lanes have read this one.
+SYNC();

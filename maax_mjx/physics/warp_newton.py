@@ -15,16 +15,39 @@ SOURCE = Path(__file__).with_suffix(".cuh")
 """The kernel in C++, of which CUDA makes one for GPUs and Clang one for CPUs."""
 
 MAX_DOFS = 64
-"""Degrees of freedom of a world at most: sets of them are words of 64 bits."""
-MAX_SHARED = 48 * 1024
-"""Bytes of shared memory that a block has without asking for more."""
+"""Degrees of freedom of a world at most: 16 blocks of four, whose sets are short words."""
 LANES = 32
 """Threads of a block."""
-RESIDENT_SHARE = 0.5
-"""Rows that are copied into shared memory, as a share of those that a world has room for. A world has a quarter of them
-in the mean; those with more are done by a second kernel, which reads rows where they are."""
-ENTRIES_PER_ROW = 8
-"""Entries of such a row that there is room for, in the mean."""
+LAST_BLOCKS = 512
+"""Blocks of the second kernel, which take one world after the other."""
+FIRST_SHARE = 0.5
+"""Rows of a world that the first kernel has room for, as a share of all that there is room for. Worlds have a quarter of
+them in the mean. With less shared memory, more worlds are solved at the same time; the others go to the second."""
+ENTRIES_PER_ROW = 2
+"""Blocks of four entries that the first kernel has room for, a row in the mean: rows of a contact of two bodies have so
+many where bodies have four degrees of freedom, and those of a contact with a wall half."""
+
+
+class Room(NamedTuple):
+    """What a kernel has room for in shared memory.
+
+    Attributes:
+        rows: constraint rows of a world.
+        entries: blocks of four entries of its Jacobian.
+        blocks: blocks of four by four of its Hessian's factor.
+        n_blocks: blocks of four degrees of freedom.
+    """
+
+    rows: int
+    entries: int
+    blocks: int
+    n_blocks: int
+
+    @property
+    def bytes(self) -> int:
+        """Shared memory, at most; the source checks it."""
+        of_row = 4 * 4 + 2 * 2 + 4 * 2 + 3
+        return 80 * self.blocks + 16 * self.entries + of_row * self.rows + (64 + 8 * 16 + 5 * 4) * self.n_blocks + 64
 
 
 class Size(NamedTuple):
@@ -48,50 +71,58 @@ class Size(NamedTuple):
     warmstart: bool
 
     @property
-    def resident_rows(self) -> int:
-        """Rows that are copied into shared memory."""
-        return min(self.rows, max(LANES, round(RESIDENT_SHARE * self.rows)))
+    def n_blocks(self) -> int:
+        """Blocks of four degrees of freedom."""
+        return -(-self.nv // 4)
 
-    @property
-    def resident_entries(self) -> int:
-        """Entries of these rows."""
-        return min(ENTRIES_PER_ROW, self.nv) * self.resident_rows
+    def room(self, is_last: bool) -> Room:
+        """What the first kernel, or the last, has room for."""
+        all_blocks = self.n_blocks * (self.n_blocks + 1) // 2
+        if is_last:
+            entries = self.stride if self.sparse else self.rows * self.n_blocks
+            return Room(self.rows, min(entries, self.rows * self.n_blocks), all_blocks, self.n_blocks)
+        rows = min(self.rows, max(LANES, round(FIRST_SHARE * self.rows)))
+        return Room(rows, ENTRIES_PER_ROW * rows, min(all_blocks, 3 * self.n_blocks), self.n_blocks)
 
-    @property
-    def shared_bytes(self) -> int:
-        """Shared memory of the larger of the two kernels."""
-        dofs = 4 * (self.nv + 1) * (self.nv + 2) // 2 + (8 * 4 + 2 * 8 + 4) * self.nv + 8
-        row = 8 + 4 * 4 + 1 + 2
-        return dofs + max(row * self.rows, (row + 2) * self.resident_rows + 4 * self.resident_entries) + 64
-
-    @property
-    def fits(self) -> bool:
-        """Whether the kernels can solve such worlds."""
-        return 0 < self.nv <= MAX_DOFS and 0 < self.rows < 2**15 and self.shared_bytes <= MAX_SHARED
+    def fits(self, max_bytes: int) -> bool:
+        """Whether the kernels can solve such worlds with so much shared memory for a block."""
+        return 0 < self.nv <= MAX_DOFS and 0 < self.rows < 2**15 and self.room(is_last=True).bytes <= max_bytes
 
 
-@cache
-def newton_kernels(size: Size, states: tuple[tuple[str, int], ...]) -> tuple[Any, Any]:
-    """Returns two kernels that are launched one after the other, with a block of `LANES` threads for each world.
-
-    The first solves worlds whose rows fit into `Size.resident_rows` and `resident_entries`, the second all others.
+def launch_newton(size: Size, states: tuple[tuple[str, int], ...], inputs: list[Any], outputs: list[Any]) -> None:
+    """Launches the kernels: the first with a block for each world, the last for the worlds that this has left.
 
     Args:
         size: what to compile for.
         states: names and numbers of the states of rows and of the bits for overflows, as the source calls them.
+        inputs, outputs: Warp's arrays as the kernel names them, without those of the worlds that are left.
     """
-    return _newton_kernel(size, states, resident=True), _newton_kernel(size, states, resident=False)
+    wp: Any = import_module("warp")
+    n_worlds, device = outputs[0].shape[0], outputs[0].device
+    left = [wp.empty(n_worlds, dtype=int, device=device), wp.zeros(1, dtype=int, device=device)]
+    for kernel, n_blocks in zip(newton_kernels(size, states), (n_worlds, min(n_worlds, LAST_BLOCKS)), strict=True):
+        arrays = {"inputs": [n_blocks, *inputs, *left], "outputs": outputs, "device": device}
+        wp.launch_tiled(kernel, dim=[n_blocks], block_dim=LANES, **arrays)
 
 
-def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], resident: bool) -> Any:
+@cache
+def newton_kernels(size: Size, states: tuple[tuple[str, int], ...]) -> tuple[Any, Any]:
+    """Returns the kernel for worlds that fit into the room that it has, which notes the others, and that for these."""
+    return _newton_kernel(size, states, is_last=False), _newton_kernel(size, states, is_last=True)
+
+
+def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], is_last: bool) -> Any:
     # Warp takes seconds to import, and the types that it declares are not those of kernels.
     wp: Any = import_module("warp")
+    room = size.room(is_last)
     defined = {
         "NV": size.nv,
         "CAPACITY": size.rows,
-        "ROWS": size.resident_rows if resident else size.rows,
-        "ENTRIES": size.resident_entries,
-        "RESIDENT": int(resident),
+        "ROWS": room.rows,
+        "ENTRIES": room.entries,
+        "BLOCKS": room.blocks,
+        "BYTES": room.bytes,
+        "IS_LAST": int(is_last),
         "SPARSE": int(size.sparse),
         "STRIDE": size.stride,
         "WARMSTART": int(size.warmstart),
@@ -110,6 +141,9 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], resident: bo
         n_equalities: int,
         n_frictions: int,
         n_rows: int,
+        inertia_length: wp.array[int],
+        inertia_address: wp.array[int],
+        inertia_column: wp.array[int],
         inertia_id: wp.array2d[int],
         M: wp.array[float],
         row_length: wp.array[int],
@@ -122,6 +156,8 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], resident: bo
         qacc_warmstart: wp.array[float],
         qacc_smooth: wp.array[float],
         qfrc_smooth: wp.array[float],
+        left: wp.array[int],
+        n_left: wp.array[int],
         n_iterations: wp.array[int],
         overflow: wp.array[int],
         qacc_out: wp.array[float],
@@ -131,13 +167,20 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], resident: bo
         state_out: wp.array[int],
     ): ...
 
+    # Shared memory of a function that is written in C++ is none that Warp would know of.
+    newton.adj.get_total_required_shared = lambda: room.bytes
+
     @wp.kernel(module="unique", enable_backward=False, grid_stride=False)
     def solve(
+        n_blocks: int,
         tolerance: wp.array[float],
         ls_tolerance: wp.array[float],
         n_equalities: wp.array[int],
         n_frictions: wp.array[int],
         n_rows: wp.array[int],
+        inertia_length: wp.array[int],
+        inertia_address: wp.array[int],
+        inertia_column: wp.array[int],
         inertia_id: wp.array2d[int],
         M: wp.array2d[float],
         row_length: wp.array2d[int],
@@ -150,6 +193,8 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], resident: bo
         qacc_warmstart: wp.array2d[float],
         qacc_smooth: wp.array2d[float],
         qfrc_smooth: wp.array2d[float],
+        left: wp.array[int],
+        n_left: wp.array[int],
         n_iterations: wp.array[int],
         overflow: wp.array[int],
         qacc: wp.array2d[float],
@@ -158,34 +203,46 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], resident: bo
         force: wp.array2d[float],
         state: wp.array2d[int],
     ):
-        world, lane = wp.tid()
-        newton(
-            world,
-            lane,
-            tolerance[world % tolerance.shape[0]],
-            ls_tolerance[world % ls_tolerance.shape[0]],
-            n_equalities[world],
-            n_frictions[world],
-            n_rows[world],
-            inertia_id,
-            M[world],
-            row_length[world],
-            row_address[world],
-            columns_of_rows[world],
-            J[world],
-            efc_D[world],
-            efc_aref[world],
-            frictionloss[world],
-            qacc_warmstart[world],
-            qacc_smooth[world],
-            qfrc_smooth[world],
-            n_iterations,
-            overflow,
-            qacc[world],
-            ma[world],
-            qfrc_constraint[world],
-            force[world],
-            state[world],
-        )
+        block, lane = wp.tid()
+        end = n_rows.shape[0]
+        if wp.static(is_last):
+            end = n_left[0]
+        for k in range(block, end, n_blocks):
+            world = k
+            if wp.static(is_last):
+                world = left[k]
+            newton(
+                world,
+                lane,
+                tolerance[world % tolerance.shape[0]],
+                ls_tolerance[world % ls_tolerance.shape[0]],
+                n_equalities[world],
+                n_frictions[world],
+                n_rows[world],
+                inertia_length,
+                inertia_address,
+                inertia_column,
+                inertia_id,
+                M[world],
+                row_length[world],
+                row_address[world],
+                columns_of_rows[world],
+                J[world],
+                efc_D[world],
+                efc_aref[world],
+                frictionloss[world],
+                qacc_warmstart[world],
+                qacc_smooth[world],
+                qfrc_smooth[world],
+                left,
+                n_left,
+                n_iterations,
+                overflow,
+                qacc[world],
+                ma[world],
+                qfrc_constraint[world],
+                force[world],
+                state[world],
+            )
 
     return solve
