@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
@@ -33,6 +33,9 @@ PACKAGES = {"jax": ("mujoco-mjx",), "warp": ("mujoco-mjx", "warp-lang")}
 LOST_CONTACTS = ("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD")
 """Names of Warp's overflows by which contacts are left out."""
 
+EFC = ("J_rownnz", "J_rowadr", "J_colind", "J", "D", "aref", "frictionloss", "force", "state", "Ma")
+"""Arrays of Warp's constraint rows that a solver reads and writes."""
+
 READ = {
     "jax": (
         ("mujoco.mjx", "DataJAX", ("ne", "efc_J", "efc_D", "efc_aref", "contact")),
@@ -43,8 +46,17 @@ READ = {
         ("mujoco.mjx.warp.types", "DataWarp", ("naconmax", "naccdmax", "overflow", "contact__dist")),
         ("mujoco.mjx.warp.types", "OptionWarp", ("warn_overflow",)),
         ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", LOST_CONTACTS),
-        ("mujoco.mjx.third_party.mujoco_warp._src.types", "ConstraintState", ("QUADRATIC",)),
+        ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", ("ITERATIONS", "LS_ITERATIONS")),
+        (
+            "mujoco.mjx.third_party.mujoco_warp._src.types",
+            "ConstraintState",
+            ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS"),
+        ),
         ("mujoco.mjx.third_party.mujoco_warp._src.types", "IntegratorType", ("DISCRETE",)),
+        ("mujoco.mjx.third_party.mujoco_warp._src.types", "ConeType", ("PYRAMIDAL",)),
+        ("mujoco.mjx.third_party.mujoco_warp._src.types", "Constraint", EFC),
+        ("mujoco.mjx.third_party.mujoco_warp._src.types", "Model", ("M_rownnz", "M_rowadr", "M_colind", "M_elemid")),
+        ("mujoco.mjx.third_party.mujoco_warp._src.solver", "solve", ()),
         (
             "mujoco.mjx.third_party.mujoco_warp._src.types",
             "SolverContext",
@@ -288,6 +300,7 @@ def solve_in_one_launch() -> None:
     states = tuple((name, int(of_row[name])) for name in ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS"))
     bits = (("NO_ITERATIONS_LEFT", int(overflow.ITERATIONS)), ("NO_LS_ITERATIONS_LEFT", int(overflow.LS_ITERATIONS)))
 
+    @wraps(solve)
     def solved(m: Any, d: Any) -> None:
         size = Size(
             nv=m.nv,

@@ -240,8 +240,8 @@ EACH(r, n) {
         to++;
     }
 #endif
-    stiffness[p] = efc_D[r];
-    jaref[p] = -efc_aref[r];
+    stiffness[p] = D[r];
+    jaref[p] = -reference[r];
     w.kind[p] = r < n_equalities ? EQUALITY : r < n_equalities + n_frictions ? FRICTION : ONE_SIDED;
     w.state[p] = 255;
 }

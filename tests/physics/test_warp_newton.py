@@ -1,0 +1,165 @@
+"""The Newton solver of one launch against C MuJoCo, and that it takes what it can solve and leaves the rest."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from helpers import seeds
+from mujoco import mjx
+
+from maax_mjx.physics import warp_newton
+from maax_mjx.physics.mjx_internals import solve_in_one_launch
+from maax_mjx.physics.warp_newton import MAX_DOFS, Room, Size
+
+HEAP = """
+<mujoco>
+  <option jacobian="{jacobian}" iterations="100" ls_iterations="50" cone="{cone}"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <body name="low" pos="0 0 .18"><freejoint/><geom type="box" size=".2 .3 .2" mass="3"/></body>
+    <body name="high" pos=".1 0 .56"><freejoint/><geom size=".2" mass="1"/></body>
+    <body pos="1 0 .1">
+      <joint name="x" type="slide" axis="1 0 0" frictionloss="2"/><joint type="slide" axis="0 1 0"/>
+      <joint name="turn" axis="0 0 1" frictionloss=".1" damping=".1"/>
+      <geom size=".1" mass="1"/>
+      <body pos="0 0 .3">
+        <joint name="elbow" axis="0 1 0" limited="true" range="-.2 .4"/><geom type="capsule" size=".05 .2" mass="1"/>
+        <body pos="0 0 .4">
+          <joint axis="0 1 0" limited="true" range="-.1 .1"/><geom type="capsule" size=".05 .2" mass=".5"/>
+          <body pos="0 0 .4"><joint axis="1 0 0"/><geom type="capsule" size=".05 .2" mass=".2"/></body>
+        </body>
+      </body>
+    </body>
+    <body name="held" pos="2 0 1"><freejoint/><geom size=".1" mass="1"/></body>
+  </worldbody>
+  <equality><connect body1="held" anchor="0 0 .5"/><joint joint1="x" joint2="turn" polycoef="0 .5 0 0 0"/></equality>
+</mujoco>
+"""
+"""A ball on a box, an arm of six joints with limits and friction, of which two are coupled, and a pendulum."""
+N_WORLDS = 12
+
+
+@cache
+def heap(jacobian, cone="pyramidal"):
+    return mujoco.MjModel.from_xml_string(HEAP.format(jacobian=jacobian, cone=cone))
+
+
+def random_states(model, rng):
+    """Positions and speeds near where the model begins, of which some limits are beyond."""
+    start = mujoco.MjData(model)
+    mujoco.mj_forward(model, start)
+    for _ in range(N_WORLDS):
+        data = mujoco.MjData(model)
+        mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv) * 0.03, 1.0)
+        data.qpos[:] = data.qpos.astype(np.float32)
+        data.qvel[:] = rng.normal(size=model.nv).astype(np.float32) * 0.3
+        # The last body hangs on a connect, whose rows Warp builds with the speeds of the step before: there was none.
+        data.qvel[-6:] = 0
+        yield data
+
+
+def of_warp(model, states):
+    """Data of the first step by Warp."""
+    m = mjx.put_model(model, impl="warp")
+    fresh = mjx.make_data(model, impl="warp", naconmax=32 * N_WORLDS, njmax=160)
+    step = jax.jit(jax.vmap(lambda qpos, qvel: mjx.step(m, fresh.replace(qpos=qpos, qvel=qvel))))
+    return step(*(jnp.asarray([getattr(d, name) for d in states], jnp.float32) for name in ("qpos", "qvel")))
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Sizes of the worlds that our kernels were launched for."""
+    solve_in_one_launch()
+    sizes, launch = [], warp_newton.launch_newton
+
+    def noting(size, *args):
+        sizes.append(size)
+        launch(size, *args)
+
+    monkeypatch.setattr("maax_mjx.physics.mjx_internals.launch_newton", noting)
+    return sizes
+
+
+def check_against_c(model, states):
+    after = of_warp(model, states)
+    for world, data in enumerate(states):
+        mujoco.mj_step(model, data)
+        scale = np.abs(data.qacc).max()
+        np.testing.assert_allclose(after.qacc[world], data.qacc, atol=2e-3 * scale)
+        np.testing.assert_allclose(after.qfrc_constraint[world], data.qfrc_constraint, atol=2e-2)
+    assert np.median([data.nefc for data in states]) > 20
+
+
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+@pytest.mark.parametrize("is_left", [False, True])
+def test_accelerations_are_those_of_mujoco(jacobian, is_left, asked, monkeypatch):
+    """Of rows of every kind, in the first kernel, and in the last one where nothing fits into the first."""
+    model, rng = heap(jacobian), seeds.rng(0)
+    if is_left:
+        room = Size.room
+        one = lambda size, is_last: room(size, is_last) if is_last else Room(1, 1, 1, size.n_blocks)  # noqa: E731
+        monkeypatch.setattr(Size, "room", one)
+        warp_newton.newton_kernels.cache_clear()
+    check_against_c(model, [*random_states(model, rng)])
+    warp_newton.newton_kernels.cache_clear()
+    (size,) = set(asked)
+    assert size.nv == model.nv > 4
+    assert size.sparse == (jacobian == "sparse")
+
+
+def test_a_world_without_constraints_falls_freely(asked):
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom type='plane' size='1 1 1'/>"
+        "<body pos='0 0 3'><freejoint/><geom type='box' size='.1 .2 .3'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = [0, 0, 0, 1, 2, 3]
+    after = of_warp(model, [data])
+    mujoco.mj_step(model, data)
+    np.testing.assert_allclose(after.qacc[0], data.qacc, atol=1e-4)
+    assert not np.asarray(after.qfrc_constraint).any()
+    assert asked
+
+
+def test_one_iteration_stops_where_mujoco_does(asked):
+    """And not where the solver would go with more."""
+    model, rng = heap("dense"), seeds.rng(1)
+    states = [*random_states(model, rng)]
+    model.opt.iterations = 1
+    try:
+        stopped = of_warp(model, states)
+    finally:
+        model.opt.iterations = 100
+    far = np.abs(np.asarray(stopped.qacc) - np.asarray(of_warp(model, states).qacc)).max(1)
+    assert np.median(far) > 0.1
+    assert {size.iterations for size in asked} == {1, 100}
+
+
+@pytest.mark.parametrize("what", ["elliptic", "many"])
+def test_what_it_cannot_solve_goes_to_the_solver_of_mjx(what, asked):
+    if what == "elliptic":
+        model = heap("dense", cone="elliptic")
+    else:
+        balls = "".join(f"<body pos='{i} 0 .09'><freejoint/><geom size='.1'/></body>" for i in range(MAX_DOFS // 6 + 1))
+        model = mujoco.MjModel.from_xml_string(
+            f"<mujoco><worldbody><geom type='plane' size='1 1 1'/>{balls}</worldbody></mujoco>"
+        )
+    states = [*random_states(model, seeds.rng(2))]
+    after = of_warp(model, states)
+    mujoco.mj_step(model, states[0])
+    np.testing.assert_allclose(after.qacc[0], states[0].qacc, atol=2e-3 * np.abs(states[0].qacc).max())
+    assert not asked
+
+
+def test_shared_memory_bounds_what_fits():
+    size = Size(nv=60, rows=672, sparse=True, stride=6564, iterations=20, ls_iterations=20, warmstart=True)
+    needed = size.room(is_last=True).bytes
+    assert size.room(is_last=False).bytes < needed
+    assert size.fits(needed)
+    assert not size.fits(needed - 1)
+    assert not size._replace(nv=MAX_DOFS + 1).fits(2**30)
