@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from maax_mjx.physics.mjx_internals import launched_one_by_one, step_sizes
+from maax_mjx.common.runtime import import_mjx
 
 LINES, FACTOR, HESSIAN, REPAIR = "solver: line search", "solver: factorisation", "solver: Hessian", "solver: repair"
 SOLVER, ALL = "solver: the rest", "solver: all iterations of a world"
@@ -132,6 +132,10 @@ def recorded() -> Iterator[list[tuple[list[Launch], float, Sizes]]]:
         A list that grows by one entry a step: its launches, microseconds of fills and copies, and sizes.
     """
     import warp
+
+    # MJX says on the standard output which engines are not installed, unless it is imported so.
+    import_mjx()
+    from maax_mjx.physics.mjx_internals import launched_one_by_one, step_sizes
 
     launch, tiled, loop = warp.launch, warp.launch_tiled, warp.capture_while
     steps: list[tuple[list[Launch], float, Sizes]] = []

@@ -116,7 +116,7 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
 def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
     """Returns the fields of an environment's config that are given as texts.
 
-    True means the defaults of a field that is itself a config, such as `--env.grab True`.
+    True means the defaults of a field that is itself a config, such as `--env.grab True`, and False that it is None.
 
     Raises:
         ValueError: an unknown environment.
@@ -126,6 +126,8 @@ def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
     for field, value in values.items():
         if value is True and (inner := inner_config(config, field)):
             values[field] = inner()
+        elif value is False and inner_config(config, field):
+            values[field] = None
     # Whole configs first, so that their own fields can be given in any order.
     return dict(sorted(values.items(), key=lambda item: "." in item[0]))
 

@@ -146,7 +146,8 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
     if is_game(args.game) or not (folder / RUN).exists():
         if not is_game(args.game) and ("/" in args.game or folder.is_dir()):
             raise ValueError(
-                f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder"
+                f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder; a "
+                "policy to begin with is --from"
             )
         return args, values_of(args.game, env)
     about = Folder(folder).about()

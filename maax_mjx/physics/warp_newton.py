@@ -20,9 +20,9 @@ LANES = 32
 """Threads of a block."""
 LAST_BLOCKS = 512
 """Blocks of the second kernel, which take one world after the other."""
-FIRST_SHARE = 0.5
-"""Rows of a world that the first kernel has room for, as a share of all that there is room for. Worlds have a quarter of
-them in the mean. With less shared memory, more worlds are solved at the same time; the others go to the second."""
+FIRST_ROWS, FIRST_SHARE = 4 * LANES, 0.35
+"""Rows of a world that the first kernel has room for: so many, or so large a share of all that there is room for. Worlds
+have a quarter in the mean. With less shared memory, more are solved at the same time; the others go to the second."""
 ENTRIES_PER_ROW = 2
 """Blocks of four entries that the first kernel has room for, a row in the mean: rows of a contact of two bodies have so
 many where bodies have four degrees of freedom, and those of a contact with a wall half."""
@@ -81,7 +81,7 @@ class Size(NamedTuple):
         if is_last:
             entries = self.stride if self.sparse else self.rows * self.n_blocks
             return Room(self.rows, min(entries, self.rows * self.n_blocks), all_blocks, self.n_blocks)
-        rows = min(self.rows, max(LANES, round(FIRST_SHARE * self.rows)))
+        rows = min(self.rows, max(FIRST_ROWS, round(FIRST_SHARE * self.rows)))
         return Room(rows, ENTRIES_PER_ROW * rows, min(all_blocks, 3 * self.n_blocks), self.n_blocks)
 
     def fits(self, max_bytes: int) -> bool:
@@ -165,7 +165,7 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], is_last: boo
         qfrc_constraint_out: wp.array[float],
         force_out: wp.array[float],
         state_out: wp.array[int],
-    ): ...
+    ) -> None: ...
 
     # Shared memory of a function that is written in C++ is none that Warp would know of.
     newton.adj.get_total_required_shared = lambda: room.bytes
@@ -202,7 +202,7 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], is_last: boo
         qfrc_constraint: wp.array2d[float],
         force: wp.array2d[float],
         state: wp.array2d[int],
-    ):
+    ) -> None:
         block, lane = wp.tid()
         end = n_rows.shape[0]
         if wp.static(is_last):

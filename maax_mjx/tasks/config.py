@@ -75,7 +75,9 @@ def override(config: C, overrides: Mapping[str, Any], where: str, path: str = ""
             config = replace(config, **{head: {**inner, rest: value}})  # type: ignore[type-var]
             continue
         if dot and (not is_dataclass(inner) or isinstance(inner, type)):
-            raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields")
+            kind = inner_config(type(config), head) if inner is None else None
+            first = f"; give {head} a {kind.__name__} first (--env.{path}{head} True in a shell)" if kind else ""
+            raise ValueError(f"{where}: got {name!r}, but {head} is {inner!r}, which has no fields{first}")
         if dot:
             value = override(inner, {rest: value}, f"{where}, {head}", f"{path}{head}.")
         elif is_dataclass(inner) and isinstance(value, Mapping):

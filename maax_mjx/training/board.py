@@ -31,12 +31,17 @@ class Board:
         self._new = SummaryWriter
         self._folder = folder
         self._writer: Any = None
+        self._kept: int | None = None
+
+    def forget(self, steps: int) -> None:
+        """Drops what comes after so many env steps, from which the run goes on: it is made again."""
+        self._kept = steps
 
     def add(self, row: Mapping[str, Any]) -> None:
         """Writes the numbers of an iteration, at its env steps."""
         if self._writer is None:
-            # What comes after the save that a run goes on from is made again: TensorBoard forgets it.
-            self._writer = self._new(str(self._folder), purge_step=row["steps"], flush_secs=10)
+            first = row["steps"] if self._kept is None else self._kept + 1
+            self._writer = self._new(str(self._folder), purge_step=first, flush_secs=10)
         for name, value in row.items():
             if name not in COUNTERS and value is not None:
                 self._writer.add_scalar(_group(name), value, row["steps"])

@@ -171,6 +171,8 @@ class Folder:
     def forget(self, iteration: int) -> None:
         """Drops the metrics after an iteration, which a run that goes on from its save makes again."""
         kept = [row for row in self.rows() if row["iteration"] <= iteration]
+        if self._board and kept:
+            self._board.forget(kept[-1]["steps"])
         if len(kept) < len(self._lines()):
             with whole(self.path / METRICS) as part:
                 part.write_text("".join(json.dumps(row) + "\n" for row in kept))

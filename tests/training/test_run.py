@@ -15,10 +15,11 @@ import jax
 import numpy as np
 import pytest
 from helpers import toys
-from tensorboardX.proto.event_pb2 import Event
+from tensorboardX.proto.event_pb2 import Event, SessionLog
 
 import maax_mjx as maax
 from maax_mjx import training
+from maax_mjx.training.board import Board
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -90,15 +91,31 @@ def test_the_folder_has_all_of_it(run):
     assert done.policy.steps == training.Policy.load(done.folder).steps == FEW * PER_ITERATION
 
 
-def test_tensorboard_gets_every_number_at_its_step(run):
-    """Read as TensorFlow's records: a length, a checksum of it, an event, a checksum of that."""
-    (file,) = (run[1].folder / "tensorboard").iterdir()
-    data, found = file.read_bytes(), {}
+def events(folder):
+    """Events of TensorFlow's only file of records: a length, a checksum of it, an event, a checksum of that."""
+    (file,) = folder.iterdir()
+    data = file.read_bytes()
     while data:
         (size,) = struct.unpack("<Q", data[:8])
-        event = Event.FromString(data[12 : 12 + size])
-        found |= {(value.tag, event.step): value.simple_value for value in event.summary.value}
+        yield Event.FromString(data[12 : 12 + size])
         data = data[16 + size :]
+
+
+def test_tensorboard_forgets_all_that_came_after_the_save(tmp_path):
+    """Also what lies between the save and the first new row, whose iteration may have more steps."""
+    board = Board(tmp_path)
+    board.forget(640)
+    board.add({"iteration": 5, "steps": 1920, "kl": 0.1})
+    board.close()
+    assert [event.step for event in events(tmp_path) if event.session_log.status == SessionLog.START] == [641]
+
+
+def test_tensorboard_gets_every_number_at_its_step(run):
+    found = {
+        (value.tag, event.step): value.simple_value
+        for event in events(run[1].folder / "tensorboard")
+        for value in event.summary.value
+    }
     rows = run[0].folder.rows()
     for row in rows:
         assert found["run/kl", row["steps"]] == pytest.approx(row["kl"], rel=1e-5)
