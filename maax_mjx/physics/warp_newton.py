@@ -21,7 +21,7 @@ LANES = 32
 LAST_BLOCKS = 512
 """Blocks of the second kernel, which take one world after the other."""
 FIRST_ROWS, FIRST_SHARE = 4 * LANES, 0.35
-"""Rows of a world that the first kernel has room for: so many, or so large a share of all that there is room for. Worlds
+"""Rows of a world that the first kernel has room for: so many, or so large a share of all that there is room for. They
 have a quarter in the mean. With less shared memory, more are solved at the same time; the others go to the second."""
 ENTRIES_PER_ROW = 2
 """Blocks of four entries that the first kernel has room for, a row in the mean: rows of a contact of two bodies have so

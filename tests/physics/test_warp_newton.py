@@ -41,8 +41,8 @@ HEAP = """
   <equality><connect body1="held" anchor="0 0 .5"/><joint joint1="x" joint2="turn" polycoef="0 .5 0 0 0"/></equality>
 </mujoco>
 """
-"""Two balls on a box, whose factor has blocks that the Hessian has not, an arm of six joints with limits and friction, of
-which two are coupled, and a pendulum: 30 degrees of freedom, the last block of four half empty."""
+"""Two balls on a box, whose factor has blocks that the Hessian has not, an arm of six joints with limits and friction,
+of which two are coupled, and a pendulum: 30 degrees of freedom, the last block of four half empty."""
 N_WORLDS = 12
 
 
