@@ -128,9 +128,7 @@ MISTAKES = {
     ),
     "into None": (
         lambda: maax.make("hide_and_seek", **{"grab.radius": 1}),
-        [
-            f"{HNS}: got 'grab.radius', but grab is None, which has no fields; give grab a GrabConfig first (--env.grab True"
-        ],
+        [f"{HNS}: got 'grab.radius', but grab is None, which has no fields; give grab a GrabConfig first"],
     ),
     "into a number": (
         lambda: maax.make("tag", **{"n_boxes.low": 1}),
