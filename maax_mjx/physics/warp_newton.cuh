@@ -33,8 +33,8 @@ typedef unsigned Set;
 const float TINY = 1e-15f;
 // Rounding of sums, in units of their terms; MJX-Warp allows for so much, too.
 const float NOISE = 8.0f * 1.1920929e-07f;
-// A pivot is at least so much of the inertia: rows only add to it, what is less has been lost to rounding.
-const float LEAST_PIVOT = 1e-4f;
+// What a pivot of an inertia that couples blocks is at least, in units of its diagonal.
+const float LEAST_PIVOT = 1e-6f;
 // Kinds of rows.
 const unsigned char EQUALITY = 0, FRICTION = 1, ONE_SIDED = 2;
 
@@ -50,7 +50,8 @@ struct World {
     Block hessian[BLOCKS];
     Four inertia[PADDED], entry[ENTRIES];
     Four qacc[N_BLOCKS], ma[N_BLOCKS], smooth[N_BLOCKS], grad[N_BLOCKS], half[N_BLOCKS], search[N_BLOCKS], mv[N_BLOCKS];
-    float inverse_pivot[PADDED];
+    // Pivots of the inertia alone: those of the Hessian are as large, since rows only add to it, unless rounding took it.
+    float least_pivot[PADDED], inverse_pivot[PADDED];
     float jaref[ROWS], jv[ROWS], stiffness[ROWS], force[ROWS];
     Set far[N_BLOCKS], below[N_BLOCKS], above[N_BLOCKS];
     int level[N_BLOCKS], first_block[N_BLOCKS + 1];
@@ -92,7 +93,7 @@ auto lanes_with = [](bool is_so) {
 #endif
 };
 
-const int n = n_rows < CAPACITY ? n_rows : CAPACITY;
+int n = n_rows < CAPACITY ? n_rows : CAPACITY;
 #if !IS_LAST
 auto leave = [&]() {
     if (lane == 0)
@@ -108,8 +109,10 @@ if (n > ROWS) {
 EACH(r, n) {
     Set blocks = 0;
 #if SPARSE
-    for (int k = 0; k < row_length[r]; k++)
-        blocks |= Set(1) << (columns_of_rows[row_address[r] + k] >> 2);
+    // Rows that found no room in the Jacobian, which counts as an overflow, are empty.
+    if (row_address[r] + row_length[r] <= STRIDE)
+        for (int k = 0; k < row_length[r]; k++)
+            blocks |= Set(1) << (columns_of_rows[row_address[r] + k] >> 2);
 #else
     for (int c = 0; c < NV; c++)
         if (J[r * STRIDE + c] != 0.0f)
@@ -156,12 +159,15 @@ for (int start = 0; start < n; start += LANES) {
 }
 if (lane == 0)
     w.first_row[n_groups] = n;
-#if !IS_LAST
 if (n_entries > ENTRIES) {
+#if !IS_LAST
     leave();
     return;
-}
+#else
+    // Only where rows had no room in the Jacobian, and what they say is left from another step.
+    n = n_groups = 0;
 #endif
+}
 EACH(i, NV) {
     for (int k = 0; k < inertia_length[i]; k++) {
         const int c = inertia_column[inertia_address[i] + k];
@@ -229,10 +235,11 @@ EACH(r, n) {
     const Set blocks = w.in_row[p];
     for (int k = 0; k < COUNT(blocks); k++)
         to[k] = Four{};
-    for (int k = 0; k < row_length[r]; k++) {
-        const int c = columns_of_rows[row_address[r] + k];
-        to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] = J[row_address[r] + k];
-    }
+    if (blocks)
+        for (int k = 0; k < row_length[r]; k++) {
+            const int c = columns_of_rows[row_address[r] + k];
+            to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] += J[row_address[r] + k];
+        }
 #else
     EACH_IN(b, Set(w.in_row[p])) {
         for (int c = 0; c < 4; c++)
@@ -244,6 +251,16 @@ EACH(r, n) {
     jaref[p] = -reference[r];
     w.kind[p] = r < n_equalities ? EQUALITY : r < n_equalities + n_frictions ? FRICTION : ONE_SIDED;
     w.state[p] = 255;
+}
+EACH(b, N_BLOCKS) {
+    Four row[4] = {w.inertia[4 * b], w.inertia[4 * b + 1], w.inertia[4 * b + 2], w.inertia[4 * b + 3]};
+    for (int c = 0; c < 4; c++) {
+        const float pivot = row[c].x[c];
+        w.least_pivot[4 * b + c] = has_far ? LEAST_PIVOT * w.inertia[4 * b + c].x[c] : pivot;
+        for (int i = 3; i > c; i--)
+            for (int k = c + 1; k <= i; k++)
+                row[i].x[k] -= row[i].x[c] * row[k].x[c] / pivot;
+    }
 }
 float trace = 0.0f;
 EACH(i, NV)
@@ -384,8 +401,7 @@ auto solve = [&]() {
                 }
             }
             for (int c = 0; c < 4; c++) {
-                const float least = LEAST_PIVOT * w.inertia[4 * j + c].x[c];
-                const float inverse = 1.0f / sqrtf(wp::max(d.row[c].x[c], least));
+                const float inverse = 1.0f / sqrtf(wp::max(d.row[c].x[c], w.least_pivot[4 * j + c]));
                 for (int a = c + 1; a < 4; a++)
                     d.row[a].x[c] *= inverse;
                 for (int a = c + 1; a < 4; a++)
@@ -467,7 +483,11 @@ if (n == 0) {
     EACH(i, NV)
         grad[i] = ma[i] - smooth[i];
 } else {
-    bool is_new = true;
+    // An inertia that couples blocks is factorised first, without any row, for its pivots.
+    bool is_new = true, is_inertia = has_far;
+    const Set active = is_active;
+    if (is_inertia)
+        is_active = 0;
     float alpha = 1.0f, improvement = 0.0f;
     while (true) {
         if (is_new) {
@@ -475,13 +495,20 @@ if (n == 0) {
             solve();
             grad_scale = 1.0f;
         }
+        if (is_inertia) {
+            EACH(i, PADDED)
+                w.least_pivot[i] = 1.0f / (w.inverse_pivot[i] * w.inverse_pivot[i]);
+            is_inertia = false, is_active = active;
+            SYNC();
+            continue;
+        }
         const float improved = scale * improvement;
         const bool is_done = alpha == 0.0f || (improved > 0.0f && improved < tolerance) ||
                              scale * sqrtf(grad_dot) < tolerance || 0.5f * scale * decrement < tolerance;
         if (iteration > 0 && is_done)
             break;
         if (iteration == ITERATIONS) {
-            overflows |= NO_ITERATIONS_LEFT;
+            overflows |= ITERATIONS > 0 ? NO_ITERATIONS_LEFT : 0;
             break;
         }
         if (is_new) {

@@ -16,8 +16,12 @@ SOURCE = Path(__file__).with_suffix(".cuh")
 
 MAX_DOFS = 64
 """Degrees of freedom of a world at most: 16 blocks of four, whose sets are short words."""
+MAX_ADDRESS = 2**15
+"""Rows and blocks of entries are numbered in 16 bits."""
 LANES = 32
 """Threads of a block."""
+RESERVED = 1024
+"""Bytes of a block's shared memory that are Warp's."""
 LAST_BLOCKS = 512
 """Blocks of the second kernel, which take one world after the other."""
 FIRST_ROWS, FIRST_SHARE = 4 * LANES, 0.35
@@ -47,7 +51,7 @@ class Room(NamedTuple):
     def bytes(self) -> int:
         """Shared memory, at most; the source checks it."""
         of_row = 4 * 4 + 2 * 2 + 4 * 2 + 3
-        return 80 * self.blocks + 16 * self.entries + of_row * self.rows + (64 + 8 * 16 + 5 * 4) * self.n_blocks + 64
+        return 80 * self.blocks + 16 * self.entries + of_row * self.rows + (64 + 9 * 16 + 5 * 4) * self.n_blocks + 64
 
 
 class Size(NamedTuple):
@@ -86,7 +90,13 @@ class Size(NamedTuple):
 
     def fits(self, max_bytes: int) -> bool:
         """Whether the kernels can solve such worlds with so much shared memory for a block."""
-        return 0 < self.nv <= MAX_DOFS and 0 < self.rows < 2**15 and self.room(is_last=True).bytes <= max_bytes
+        room = self.room(is_last=True)
+        return (
+            0 < self.nv <= MAX_DOFS
+            and 0 < room.rows < MAX_ADDRESS
+            and room.entries < MAX_ADDRESS
+            and room.bytes <= max_bytes - RESERVED
+        )
 
 
 def launch_newton(size: Size, states: tuple[tuple[str, int], ...], inputs: list[Any], outputs: list[Any]) -> None:
