@@ -37,8 +37,8 @@ class Sheet:
 
     With a game, its worlds, whose fields are set as in --env.n_boxes 2,6; without one, worlds of the other options.
     Says how many layouts are invalid and which placements are to blame. Placements are uniform, centre, middle, quad,
-    outside_quad, rooms_in_turn, room0, room1, ..., at:X:Y, middle:FRACTION, separation:RADIUS, room:INDEX,
-    proximity:RADIUS:OBJECT (such as proximity:1:box0).
+    outside_quad, rooms_in_turn, those of OpenAI's code (published_uniform and so on), room0, room1, ..., at:X:Y,
+    middle:FRACTION, separation:RADIUS, room:INDEX, proximity:RADIUS:OBJECT (such as proximity:1:box0).
     """
 
     env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
@@ -130,6 +130,16 @@ def _title(args: Sheet, world: World, name: str) -> str:
     return ", ".join(parts or [name]) + ("" if world.valid else " (invalid)")
 
 
+FORMS = {
+    "at": "at:X:Y",
+    "middle": "middle:FRACTION",
+    "separation": "separation:RADIUS",
+    "proximity": "proximity:RADIUS:OBJECT",
+    "room": "room:INDEX",
+}
+"""How placements with arguments are written."""
+
+
 def parse_placement(text: str) -> PlacementFn:
     """Returns the placement function that a text such as "middle:0.5" names.
 
@@ -138,7 +148,7 @@ def parse_placement(text: str) -> PlacementFn:
     """
     name, *values = text.split(":")
     if not values:
-        return placement_by_name(name)
+        return placement_by_name(name, also=[*FORMS.values()])
     made: dict[str, Callable[..., PlacementFn]] = {
         "at": lambda x, y: maax.at_placement(float(x), float(y)),
         "middle": lambda fraction: maax.middle_placement(float(fraction)),
@@ -150,4 +160,4 @@ def parse_placement(text: str) -> PlacementFn:
     try:
         return made[name](*values)
     except (TypeError, ValueError):
-        raise ValueError(f"placement: got {text!r}; see maax-mjx worlds --help for what {name!r} takes") from None
+        raise ValueError(f"placement: got {text!r}; takes {FORMS[name]}") from None

@@ -168,6 +168,8 @@ def test_replay(played, kind, capsys):
         (["worlds", "--env.n_boxes=2"], "only rollout"),
         (["replay", __file__], "no saved rollout"),
         (["--tyro-print-completion", "tcsh"], "completion: got 'tcsh'; takes one of ['bash', 'fish', 'zsh']"),
+        (["worlds", "--placement", "at:1"], "placement: got 'at:1'; takes at:X:Y"),
+        (["worlds", "--placement", "near"], "'separation:RADIUS'"),
         (["train", "runs/nope"], "game: got runs/nope, where no run is; takes a game, my_game.py:football, or a run"),
         (["rollout", "games/football"], "or a game in a file, my_game.py:football"),
         (["replay", "nowhere.npz"], "file: got 'nowhere.npz', which is not there"),
