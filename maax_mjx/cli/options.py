@@ -124,10 +124,8 @@ def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
     config = type(maax.config_of(name))
     values = {field: value_of(text) for field, text in overrides.items()}
     for field, value in values.items():
-        if value is True and (inner := inner_config(config, field)):
-            values[field] = inner()
-        elif value is False and inner_config(config, field):
-            values[field] = None
+        if isinstance(value, bool) and (inner := inner_config(config, field)):
+            values[field] = inner() if value else None
     # Whole configs first, so that their own fields can be given in any order.
     return dict(sorted(values.items(), key=lambda item: "." in item[0]))
 

@@ -130,14 +130,14 @@ def _title(args: Sheet, world: World, name: str) -> str:
     return ", ".join(parts or [name]) + ("" if world.valid else " (invalid)")
 
 
-FORMS = {
-    "at": "at:X:Y",
-    "middle": "middle:FRACTION",
-    "separation": "separation:RADIUS",
-    "proximity": "proximity:RADIUS:OBJECT",
-    "room": "room:INDEX",
+PLACED: dict[str, tuple[str, Callable[..., PlacementFn]]] = {
+    "at": ("at:X:Y", lambda x, y: maax.at_placement(float(x), float(y))),
+    "middle": ("middle:FRACTION", lambda fraction: maax.middle_placement(float(fraction))),
+    "separation": ("separation:RADIUS", lambda radius: maax.separation_placement(float(radius))),
+    "proximity": ("proximity:RADIUS:OBJECT", lambda radius, to: maax.proximity_placement(float(radius), to)),
+    "room": ("room:INDEX", lambda index: maax.room_placement(int(index))),
 }
-"""How placements with arguments are written."""
+"""Placements with arguments: how they are written, and how they are made."""
 
 
 def parse_placement(text: str) -> PlacementFn:
@@ -148,16 +148,10 @@ def parse_placement(text: str) -> PlacementFn:
     """
     name, *values = text.split(":")
     if not values:
-        return placement_by_name(name, also=[*FORMS.values()])
-    made: dict[str, Callable[..., PlacementFn]] = {
-        "at": lambda x, y: maax.at_placement(float(x), float(y)),
-        "middle": lambda fraction: maax.middle_placement(float(fraction)),
-        "separation": lambda radius: maax.separation_placement(float(radius)),
-        "proximity": lambda radius, to: maax.proximity_placement(float(radius), to),
-        "room": lambda index: maax.room_placement(int(index)),
-    }
-    check_choice("placement", name, made)
+        return placement_by_name(name, also=[form for form, _ in PLACED.values()])
+    check_choice("placement", name, PLACED)
+    form, make = PLACED[name]
     try:
-        return made[name](*values)
+        return make(*values)
     except (TypeError, ValueError):
-        raise ValueError(f"placement: got {text!r}; takes {FORMS[name]}") from None
+        raise ValueError(f"placement: got {text!r}; takes {form}") from None

@@ -33,6 +33,9 @@ PACKAGES = {"jax": ("mujoco-mjx",), "warp": ("mujoco-mjx", "warp-lang")}
 LOST_CONTACTS = ("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD")
 """Names of Warp's overflows by which contacts are left out."""
 
+ROW_STATES = ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS")
+"""States of Warp's constraint rows, but for those of elliptic cones."""
+
 EFC = ("J_rownnz", "J_rowadr", "J_colind", "J", "D", "aref", "frictionloss", "force", "state", "Ma")
 """Arrays of Warp's constraint rows that a solver reads and writes."""
 
@@ -45,13 +48,8 @@ READ = {
     "warp": (
         ("mujoco.mjx.warp.types", "DataWarp", ("naconmax", "naccdmax", "overflow", "contact__dist")),
         ("mujoco.mjx.warp.types", "OptionWarp", ("warn_overflow",)),
-        ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", LOST_CONTACTS),
-        ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", ("ITERATIONS", "LS_ITERATIONS")),
-        (
-            "mujoco.mjx.third_party.mujoco_warp._src.types",
-            "ConstraintState",
-            ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS"),
-        ),
+        ("mujoco.mjx.third_party.mujoco_warp", "OverflowType", (*LOST_CONTACTS, "ITERATIONS", "LS_ITERATIONS")),
+        ("mujoco.mjx.third_party.mujoco_warp._src.types", "ConstraintState", ROW_STATES),
         ("mujoco.mjx.third_party.mujoco_warp._src.types", "IntegratorType", ("DISCRETE",)),
         ("mujoco.mjx.third_party.mujoco_warp._src.types", "ConeType", ("PYRAMIDAL",)),
         ("mujoco.mjx.third_party.mujoco_warp._src.types", "Constraint", EFC),
@@ -297,7 +295,7 @@ def solve_in_one_launch() -> None:
 
     repair_hessians()
     solve, of_row, overflow = solver.solve, types.ConstraintState, types.OverflowType
-    states = tuple((name, int(of_row[name])) for name in ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS"))
+    states = tuple((name, int(of_row[name])) for name in ROW_STATES)
     bits = (("NO_ITERATIONS_LEFT", int(overflow.ITERATIONS)), ("NO_LS_ITERATIONS_LEFT", int(overflow.LS_ITERATIONS)))
 
     @wraps(solve)

@@ -576,23 +576,18 @@ if (n == 0) {
 
         // Where it begins, with the cost of the rows themselves, of which the noise is made.
         Point rows{};
+        float cost = 0.0f;
         EACH(p, n) {
-            if (w.kind[p] == EQUALITY)
-                continue;
-            const float x = jaref[p], v = jv[p], d = stiffness[p];
-            if (w.kind[p] == ONE_SIDED) {
-                if (x < 0.0f)
-                    rows.cost += 0.5f * d * x * x, rows.slope += v * d * x, rows.curvature += v * v * d;
-            } else {
-                const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);
-                rows.cost += friction_cost(x, loss, limit, d);
-                if (-limit < x && x < limit)
-                    rows.slope += v * d * x, rows.curvature += v * v * d;
-                else
-                    rows.slope += x <= -limit ? -loss * v : loss * v;
+            add_row(p, 0.0f, rows);
+            const float x = jaref[p], d = stiffness[p];
+            if (w.kind[p] == FRICTION) {
+                const float loss = frictionloss[w.origin[p]];
+                cost += friction_cost(x, loss, ratio(loss, d), d);
+            } else if (w.kind[p] == ONE_SIDED && x < 0.0f) {
+                cost += 0.5f * d * x * x;
             }
         }
-        const float rows_cost = sum(rows.cost), rows_curvature = sum(rows.curvature);
+        const float rows_cost = sum(cost), rows_curvature = sum(rows.curvature);
         const Point origin{0.0f, slope + sum(rows.slope), 2.0f * half_curvature + rows_curvature, 0.0f};
         const float terms = sqrtf(2.0f * wp::max(rows_cost, 0.0f) * wp::max(rows_curvature, 0.0f)) + fabsf(slope);
         const float tolerance_of_slope = wp::max(tolerance * ls_tolerance * sqrtf(search_dot) / scale, 1e-6f);
@@ -611,8 +606,7 @@ if (n == 0) {
             if (is_accepted(guess)) {
                 is_found = true;
                 alpha = newton, improvement = -guess.cost;
-            }
-            if (!is_found) {
+            } else {
                 const bool is_less = guess.slope < origin.slope;
                 Point lo = is_less ? guess : origin, hi = is_less ? origin : guess;
                 for (int step = 0; step < LS_ITERATIONS && !is_found; step++) {
