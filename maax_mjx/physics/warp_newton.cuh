@@ -5,7 +5,7 @@
 // of the Jacobian, of the inertia or of the Hessian's factor has are bits of a set: what is zero costs nothing. Rows are
 // sorted into groups that have the same blocks, as those of all contacts of a box with floor and walls have.
 //
-// The caller defines NV, CAPACITY, ROWS, ENTRIES, BLOCKS, BYTES, IS_LAST, SPARSE, STRIDE, WARMSTART, ITERATIONS,
+// The caller defines NV, CAPACITY, ROWS, ENTRIES, GROUPS, BLOCKS, BYTES, IS_LAST, SPARSE, STRIDE, WARMSTART, ITERATIONS,
 // LS_ITERATIONS, the bits NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC, LINEARNEG
 // and LINEARPOS. A world with more than ROWS rows, ENTRIES blocks in them or BLOCKS blocks of the factor is noted in
 // `left`; with IS_LAST there is none.
@@ -17,18 +17,22 @@ typedef unsigned Set;
 #define SYNC() __syncwarp()
 #define COUNT(set) __popc(set)
 #define FIRST(set) (__ffs(set) - 1)
+#define INVERSE_ROOT(x) rsqrtf(x)
 #else
 #define LANES 1
 #define SYNC()
 #define COUNT(set) __builtin_popcount(set)
 #define FIRST(set) __builtin_ctz(set)
+#define INVERSE_ROOT(x) (1.0f / sqrtf(x))
 #endif
 #define N_BLOCKS ((NV + 3) / 4)
 #define PADDED (4 * N_BLOCKS)
 #define BELOW(i) ((Set(1) << (i)) - 1)
 #define HAS(set, i) ((set) >> (i) & 1)
-#define EACH(i, n) for (int i = lane; i < (n); i += LANES)
-#define EACH_IN(i, set) for (Set rest_##i = (set), i = 0; rest_##i && (i = FIRST(rest_##i), true); rest_##i &= rest_##i - 1)
+// Code that is small beats loops that are unrolled: blocks are at different places of it, and share an instruction cache.
+#define ROLLED _Pragma("unroll 1")
+#define EACH(i, n) ROLLED for (int i = lane; i < (n); i += LANES)
+#define EACH_IN(i, set) ROLLED for (Set rest_##i = (set), i = 0; rest_##i && (i = FIRST(rest_##i), true); rest_##i &= rest_##i - 1)
 
 const float TINY = 1e-15f;
 // Rounding of sums, in units of their terms; MJX-Warp allows for so much, too.
@@ -52,12 +56,24 @@ struct World {
     Four qacc[N_BLOCKS], ma[N_BLOCKS], smooth[N_BLOCKS], grad[N_BLOCKS], half[N_BLOCKS], search[N_BLOCKS], mv[N_BLOCKS];
     // Pivots of the inertia alone: those of the Hessian are as large, since rows only add to it, unless rounding took it.
     float least_pivot[PADDED], inverse_pivot[PADDED];
-    float jaref[ROWS], jv[ROWS], stiffness[ROWS], force[ROWS];
+    // Of rows; `curvature` is the stiffness of those whose cost is quadratic, and nothing for others.
+    float jaref[ROWS], stiffness[ROWS], curvature[ROWS], force[ROWS];
+    union {
+        float jv[ROWS];
+        // Until rows are sorted: the blocks of each, and where it goes.
+        struct {
+            unsigned short blocks[ROWS];
+            short place[ROWS];
+        } unsorted;
+    };
+    short origin[ROWS], group[ROWS];
+    unsigned char state[ROWS], kind[ROWS];
+    // Of groups: blocks, first row, and its first entry.
+    unsigned short in_group[GROUPS];
+    short first_row[GROUPS + 1], first_entry[GROUPS];
     Set far[N_BLOCKS], below[N_BLOCKS], above[N_BLOCKS];
-    int level[N_BLOCKS], first_block[N_BLOCKS + 1];
-    unsigned short in_row[ROWS], unsorted[ROWS];
-    short address[ROWS], origin[ROWS], place[ROWS], first_row[ROWS + 1];
-    unsigned char state[ROWS], kind[ROWS], group[ROWS];
+    // Of blocks; `own` is the group of the rows that have this block alone, or less than nothing.
+    int level[N_BLOCKS], first_block[N_BLOCKS + 1], own[N_BLOCKS];
 };
 static_assert(sizeof(World) <= BYTES, "Size.shared_bytes is too little");
 #if defined(__CUDA_ARCH__)
@@ -68,7 +84,8 @@ World w;
 #endif
 float *const qacc = w.qacc->x, *const ma = w.ma->x, *const smooth = w.smooth->x, *const grad = w.grad->x;
 float *const search = w.search->x, *const mv = w.mv->x;
-float *const jaref = w.jaref, *const jv = w.jv, *const stiffness = w.stiffness, *const force = w.force;
+float *const jaref = w.jaref, *const jv = w.jv, *const force = w.force;
+const float *const stiffness = w.stiffness;
 
 auto sum = [](float x) {
 #if defined(__CUDA_ARCH__)
@@ -118,43 +135,50 @@ EACH(r, n) {
         if (J[r * STRIDE + c] != 0.0f)
             blocks |= Set(1) << (c >> 2);
 #endif
-    w.unsorted[r] = blocks;
-    w.place[r] = -1;
+    w.unsorted.blocks[r] = blocks;
+    w.unsorted.place[r] = -1;
 }
 EACH(i, PADDED)
     w.inertia[i] = Four{};
 EACH(b, N_BLOCKS)
-    w.far[b] = w.below[b] = 0, w.level[b] = 0;
+    w.far[b] = w.below[b] = 0, w.level[b] = 0, w.own[b] = -1;
 SYNC();
 
 // Groups of rows with the same blocks: their rows lie together, from `first_row` of the group to that of the next.
 int n_groups = 0, n_placed = 0, n_entries = 0;
-for (int start = 0; start < n; start += LANES) {
-    Set rest = lanes_with(start + lane < n && w.place[start + lane < n ? start + lane : 0] < 0);
+ROLLED for (int start = 0; start < n; start += LANES) {
+    Set rest = lanes_with(start + lane < n && w.unsorted.place[start + lane < n ? start + lane : 0] < 0);
     while (rest) {
-        const Set blocks = w.unsorted[start + FIRST(rest)];
-        const int length = COUNT(blocks), begin = n_placed;
-        for (int other = start; other < n; other += LANES) {
+        const Set blocks = w.unsorted.blocks[start + FIRST(rest)];
+        const int begin = n_placed;
+#if !IS_LAST
+        if (n_groups == GROUPS) {
+            leave();
+            return;
+        }
+#endif
+        ROLLED for (int other = start; other < n; other += LANES) {
             const int r = other + lane;
-            const bool is_in = r < n && w.unsorted[r] == blocks;
+            const bool is_in = r < n && w.unsorted.blocks[r] == blocks;
             const Set found = lanes_with(is_in);
             if (is_in) {
                 const int p = n_placed + COUNT(found & BELOW(lane));
-                w.place[r] = p, w.origin[p] = r, w.in_row[p] = blocks;
-                w.address[p] = n_entries + length * (p - begin);
-                w.group[p] = n_groups < 31 ? n_groups : 31;
+                w.unsorted.place[r] = p, w.origin[p] = r, w.group[p] = n_groups;
             }
             n_placed += COUNT(found);
             if (other == start)
                 rest &= ~found;
         }
-        n_entries += length * (n_placed - begin);
         if (lane == 0)
-            w.first_row[n_groups] = begin;
-        n_groups++;
+            w.in_group[n_groups] = blocks, w.first_row[n_groups] = begin, w.first_entry[n_groups] = n_entries;
         EACH(b, N_BLOCKS)
-            if (HAS(blocks, b))
+            if (HAS(blocks, b)) {
                 w.below[b] |= blocks & BELOW(b);
+                if (blocks == Set(1) << b)
+                    w.own[b] = n_groups;
+            }
+        n_entries += COUNT(blocks) * (n_placed - begin);
+        n_groups++;
     }
 }
 if (lane == 0)
@@ -166,6 +190,8 @@ if (n_entries > ENTRIES) {
 #else
     // Only where rows had no room in the Jacobian, and what they say is left from another step.
     n = n_groups = 0;
+    EACH(b, N_BLOCKS)
+        w.own[b] = -1;
 #endif
 }
 EACH(i, NV) {
@@ -228,11 +254,15 @@ if (n_blocks > BLOCKS) {
     return;
 }
 #endif
+// The first of a row's entries.
+auto entries = [&](int p, int g) {
+    return w.entry + w.first_entry[g] + (p - w.first_row[g]) * COUNT(Set(w.in_group[g]));
+};
 EACH(r, n) {
-    const int p = w.place[r];
-    Four* to = w.entry + w.address[p];
+    const int p = w.unsorted.place[r];
+    const Set blocks = w.in_group[w.group[p]];
+    Four* to = entries(p, w.group[p]);
 #if SPARSE
-    const Set blocks = w.in_row[p];
     for (int k = 0; k < COUNT(blocks); k++)
         to[k] = Four{};
     if (blocks)
@@ -241,13 +271,13 @@ EACH(r, n) {
             to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] += J[row_address[r] + k];
         }
 #else
-    EACH_IN(b, Set(w.in_row[p])) {
+    EACH_IN(b, blocks) {
         for (int c = 0; c < 4; c++)
             to->x[c] = 4 * b + c < NV ? J[r * STRIDE + 4 * b + c] : 0.0f;
         to++;
     }
 #endif
-    stiffness[p] = D[r];
+    w.stiffness[p] = D[r];
     jaref[p] = -reference[r];
     w.kind[p] = r < n_equalities ? EQUALITY : r < n_equalities + n_frictions ? FRICTION : ONE_SIDED;
     w.state[p] = 255;
@@ -284,9 +314,10 @@ auto times_inertia = [&](const Four* x, Four* y) {
     }
 };
 auto row_times = [&](int p, const Four* x) {
-    const Four* value = w.entry + w.address[p];
+    const int g = w.group[p];
+    const Four* value = entries(p, g);
     float total = 0.0f;
-    EACH_IN(b, Set(w.in_row[p]))
+    EACH_IN(b, Set(w.in_group[g]))
         total += dot(*value++, x[b]);
     return total;
 };
@@ -315,8 +346,9 @@ auto update_rows = [&]() {
         has_changed |= now != w.state[p];
         w.state[p] = now;
         force[p] = f;
+        w.curvature[p] = now == QUADRATIC ? d : 0.0f;
         if (now != SATISFIED)
-            active |= Set(1) << w.group[p];
+            active |= Set(1) << (w.group[p] < 31 ? w.group[p] : 31);
     }
     is_active = in_any(active);
     return lanes_with(has_changed) != 0;
@@ -326,16 +358,35 @@ float grad_dot, search_dot, decrement;
 
 // The block of the Hessian in row i and column j of blocks.
 auto block = [&](int i, int j) -> Block& { return w.hessian[w.first_block[i] + COUNT(w.below[i] & BELOW(j))]; };
+auto diagonal = [&](int i) -> Block& { return w.hessian[w.first_block[i + 1] - 1]; };
+auto is_group_active = [&](int g) { return HAS(is_active, g < 31 ? g : 31); };
 
 // The gradient, and the Hessian from the inertia and the rows that are active.
 auto update_hessian = [&]() {
-    for (int q = lane; q < 4 * n_blocks; q += LANES)
-        w.hessian[q >> 2].row[q & 3] = Four{};
-    EACH(i, PADDED)
-        grad[i] = ma[i] - smooth[i];
-    SYNC();
-    EACH(i, PADDED)
-        block(i >> 2, i >> 2).row[i & 3] = w.inertia[i];
+    if (n_blocks > N_BLOCKS) {
+        EACH(q, 4 * n_blocks)
+            w.hessian[q >> 2].row[q & 3] = Four{};
+        SYNC();
+    }
+    // Rows of one block, as nearly all are: those of each block by four lanes.
+    EACH(i, PADDED) {
+        const int b = i >> 2, a = i & 3, g = w.own[b];
+        Four h = w.inertia[i];
+        float slope = ma[i] - smooth[i];
+        if (g >= 0 && is_group_active(g)) {
+            const int begin = w.first_row[g], end = w.first_row[g + 1];
+            const Four* entry = w.entry + w.first_entry[g];
+            for (int p = begin; p < end; p++, entry++) {
+                const float x = entry->x[a], stiff = w.curvature[p] * x;
+                const Four e = *entry;
+                slope -= force[p] * x;
+                for (int c = 0; c < 4; c++)
+                    h.x[c] += stiff * e.x[c];
+            }
+        }
+        diagonal(b).row[a] = h;
+        grad[i] = slope;
+    }
     if (has_far)
         EACH(i, NV)
             for (int k = 0; k < inertia_length[i]; k++) {
@@ -344,13 +395,13 @@ auto update_hessian = [&]() {
                     block(i >> 2, c >> 2).row[i & 3].x[c & 3] = M[inertia_address[i] + k];
             }
     SYNC();
-    for (int g = 0; g < n_groups; g++) {
-        if (!HAS(is_active, g < 31 ? g : 31))
+    ROLLED for (int g = 0; g < n_groups; g++) {
+        const Set blocks = w.in_group[g];
+        if (!(blocks & (blocks - 1)) || !is_group_active(g))
             continue;
         const int begin = w.first_row[g], end = w.first_row[g + 1];
-        const Set blocks = w.in_row[begin];
         const int length = COUNT(blocks), n_products = 8 * length * (length + 1);
-        const Four* first = w.entry + w.address[begin];
+        const Four* first = w.entry + w.first_entry[g];
         auto nth = [&](int k) {
             Set rest = blocks;
             while (k-- > 0)
@@ -367,8 +418,7 @@ auto update_hessian = [&]() {
                     v -= ++u;
                 const int a = t >> 2 & 3, c = t & 3;
                 for (int p = begin; p < end; p++, entry += length)
-                    if (w.state[p] == QUADRATIC)
-                        total += stiffness[p] * entry[u].x[a] * entry[v].x[c];
+                    total += w.curvature[p] * entry[u].x[a] * entry[v].x[c];
                 block(nth(u), nth(v)).row[a].x[c] += total;
             } else {
                 const int u = (t - n_products) >> 2, a = t & 3;
@@ -388,7 +438,7 @@ auto solve = [&]() {
         EACH(j, N_BLOCKS) {
             if (w.level[j] != now)
                 continue;
-            Block& pivot = block(j, j);
+            Block& pivot = diagonal(j);
             Block d = pivot;
             Four y = w.grad[j];
             EACH_IN(k, w.below[j]) {
@@ -401,7 +451,7 @@ auto solve = [&]() {
                 }
             }
             for (int c = 0; c < 4; c++) {
-                const float inverse = 1.0f / sqrtf(wp::max(d.row[c].x[c], w.least_pivot[4 * j + c]));
+                const float inverse = INVERSE_ROOT(wp::max(d.row[c].x[c], w.least_pivot[4 * j + c]));
                 for (int a = c + 1; a < 4; a++)
                     d.row[a].x[c] *= inverse;
                 for (int a = c + 1; a < 4; a++)
@@ -428,7 +478,7 @@ auto solve = [&]() {
                     for (int c = 0; c < 4; c++)
                         x.x[c] -= dot(left, block(j, k).row[c]);
                 }
-                const Block& pivot = block(j, j);
+                const Block& pivot = diagonal(j);
                 for (int c = 0; c < 4; c++) {
                     for (int b = 0; b < c; b++)
                         x.x[c] -= x.x[b] * pivot.row[c].x[b];
@@ -451,7 +501,7 @@ auto solve = [&]() {
                     for (int c = 0; c < 4; c++)
                         x.x[c] += l.row[a].x[c] * s.x[a];
             }
-            const Block& pivot = block(j, j);
+            const Block& pivot = diagonal(j);
             for (int c = 3; c >= 0; c--) {
                 for (int a = c + 1; a < 4; a++)
                     x.x[c] -= pivot.row[a].x[c] * x.x[a];
@@ -547,15 +597,14 @@ if (n == 0) {
                 return;
             const float x0 = jaref[p], v = jv[p], d = stiffness[p], x = x0 + alpha * v, stiff = v * d;
             if (w.kind[p] == ONE_SIDED) {
+                // Without branches, which lanes would take one after the other.
+                const bool is_pressed = x < 0.0f;
                 const float cost0 = 0.5f * d * x0 * x0, began = x0 < 0.0f ? cost0 : 0.0f;
-                if (x < 0.0f) {
-                    const float curvature = v * stiff, change = alpha * curvature;
-                    point.cost += alpha * (stiff * x0 + 0.5f * change) + (cost0 - began);
-                    point.slope += stiff * x0 + change;
-                    point.curvature += curvature;
-                } else {
-                    point.cost -= began;
-                }
+                const float curvature = is_pressed ? v * stiff : 0.0f, change = alpha * curvature;
+                const float slope0 = is_pressed ? stiff * x0 : 0.0f, left = is_pressed ? cost0 : 0.0f;
+                point.cost += alpha * (slope0 + 0.5f * change) + (left - began);
+                point.slope += slope0 + change;
+                point.curvature += curvature;
                 return;
             }
             const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);

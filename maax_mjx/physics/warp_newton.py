@@ -38,20 +38,23 @@ class Room(NamedTuple):
     Attributes:
         rows: constraint rows of a world.
         entries: blocks of four entries of its Jacobian.
+        groups: groups of rows that have the same blocks.
         blocks: blocks of four by four of its Hessian's factor.
         n_blocks: blocks of four degrees of freedom.
     """
 
     rows: int
     entries: int
+    groups: int
     blocks: int
     n_blocks: int
 
     @property
     def bytes(self) -> int:
         """Shared memory, at most; the source checks it."""
-        of_row = 4 * 4 + 2 * 2 + 4 * 2 + 3
-        return 80 * self.blocks + 16 * self.entries + of_row * self.rows + (64 + 9 * 16 + 5 * 4) * self.n_blocks + 64
+        of_row, of_group, of_dofs = 5 * 4 + 2 * 2 + 2, 3 * 2, 4 * 16 + 9 * 16 + 6 * 4
+        of_all = of_row * self.rows + of_group * self.groups + of_dofs * self.n_blocks
+        return 80 * self.blocks + 16 * self.entries + of_all + 64
 
 
 class Size(NamedTuple):
@@ -84,9 +87,10 @@ class Size(NamedTuple):
         all_blocks = self.n_blocks * (self.n_blocks + 1) // 2
         if is_last:
             entries = self.stride if self.sparse else self.rows * self.n_blocks
-            return Room(self.rows, min(entries, self.rows * self.n_blocks), all_blocks, self.n_blocks)
+            return Room(self.rows, min(entries, self.rows * self.n_blocks), self.rows, all_blocks, self.n_blocks)
         rows = min(self.rows, max(FIRST_ROWS, round(FIRST_SHARE * self.rows)))
-        return Room(rows, ENTRIES_PER_ROW * rows, min(all_blocks, 3 * self.n_blocks), self.n_blocks)
+        blocks = min(all_blocks, 3 * self.n_blocks)
+        return Room(rows, ENTRIES_PER_ROW * rows, 4 * self.n_blocks, blocks, self.n_blocks)
 
     def fits(self, max_bytes: int) -> bool:
         """Whether the kernels can solve such worlds with so much shared memory for a block."""
@@ -130,6 +134,7 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], is_last: boo
         "CAPACITY": size.rows,
         "ROWS": room.rows,
         "ENTRIES": room.entries,
+        "GROUPS": room.groups,
         "BLOCKS": room.blocks,
         "BYTES": room.bytes,
         "IS_LAST": int(is_last),

@@ -104,7 +104,7 @@ def test_accelerations_are_those_of_mujoco(jacobian, is_left, asked, monkeypatch
     model, rng = heap(jacobian), seeds.rng(0)
     if is_left:
         room = Size.room
-        one = lambda size, is_last: room(size, is_last) if is_last else Room(1, 1, 1, size.n_blocks)  # noqa: E731
+        one = lambda size, is_last: room(size, is_last) if is_last else Room(1, 1, 1, 1, size.n_blocks)  # noqa: E731
         monkeypatch.setattr(Size, "room", one)
         # Blocks that take several worlds, one after the other.
         monkeypatch.setattr(warp_newton, "LAST_BLOCKS", 5)
