@@ -305,6 +305,7 @@ def solve_in_one_launch() -> None:
             rows=d.njmax,
             sparse=bool(m.is_sparse),
             stride=d.efc.J.shape[-1],
+            frictions=not m.opt.disableflags & types.DisableBit.FRICTIONLOSS,
             iterations=int(m.opt.iterations),
             ls_iterations=int(m.opt.ls_iterations),
             warmstart=not m.opt.disableflags & types.DisableBit.WARMSTART,

@@ -19,7 +19,7 @@ from maax_mjx.physics.mjx_internals import (
     with_contact_room,
     without_overflow_warnings,
 )
-from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of, with_friction
+from maax_mjx.physics.mjx_model import overlaid, put_on_host, state_of, with_friction, without_unused_rows
 
 ROWS_PER_CONTACT = 4
 ROWS_PER_EQUALITY = 6
@@ -59,7 +59,7 @@ class WarpEngine(MjxEngine):
         super().__init__(model, overlay)
         self.contacts_per_world = contacts_per_world
         rows = ROWS_PER_CONTACT * contacts_per_world + ROWS_PER_EQUALITY * n_equalities + int(model.jnt_limited.sum())
-        model = with_friction(model)
+        model = without_unused_rows(with_friction(model), overlay)
         with jax.ensure_compile_time_eval():
             device = jax.local_devices()[0]
             self._model = put_on_host(mjx.put_model(model, device=device, impl="warp"))

@@ -5,8 +5,8 @@
 // of the Jacobian, of the inertia or of the Hessian's factor has are bits of a set: what is zero costs nothing. Rows are
 // sorted into groups that have the same blocks, as those of all contacts of a box with floor and walls have.
 //
-// The caller defines NV, CAPACITY, ROWS, ENTRIES, GROUPS, BLOCKS, BYTES, IS_LAST, SPARSE, STRIDE, WARMSTART, ITERATIONS,
-// LS_ITERATIONS, the bits NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC, LINEARNEG
+// The caller defines NV, CAPACITY, ROWS, ENTRIES, GROUPS, BLOCKS, BYTES, IS_LAST, SPARSE, STRIDE, FRICTIONS, WARMSTART,
+// ITERATIONS, LS_ITERATIONS, the bits NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC, LINEARNEG
 // and LINEARPOS. A world with more than ROWS rows, ENTRIES blocks in them or BLOCKS blocks of the factor is noted in
 // `left`; with IS_LAST there is none.
 
@@ -17,13 +17,18 @@ typedef unsigned Set;
 #define SYNC() __syncwarp()
 #define COUNT(set) __popc(set)
 #define FIRST(set) (__ffs(set) - 1)
+// Two units in the last place are enough, and spare calls.
 #define INVERSE_ROOT(x) rsqrtf(x)
+#define ROOT(x) ((x) > 0.0f ? (x) * rsqrtf(x) : 0.0f)
+#define QUOTIENT(x, y) __fdividef(x, y)
 #else
 #define LANES 1
 #define SYNC()
 #define COUNT(set) __builtin_popcount(set)
 #define FIRST(set) __builtin_ctz(set)
 #define INVERSE_ROOT(x) (1.0f / sqrtf(x))
+#define ROOT(x) sqrtf(x)
+#define QUOTIENT(x, y) ((x) / (y))
 #endif
 #define N_BLOCKS ((NV + 3) / 4)
 #define PADDED (4 * N_BLOCKS)
@@ -71,7 +76,7 @@ struct World {
     // Of groups: blocks, first row, and its first entry.
     unsigned short in_group[GROUPS];
     short first_row[GROUPS + 1], first_entry[GROUPS];
-    Set far[N_BLOCKS], below[N_BLOCKS], above[N_BLOCKS];
+    Set below[N_BLOCKS], above[N_BLOCKS];
     // Of blocks; `own` is the group of the rows that have this block alone, or less than nothing.
     int level[N_BLOCKS], first_block[N_BLOCKS + 1], own[N_BLOCKS];
 };
@@ -87,19 +92,23 @@ float *const search = w.search->x, *const mv = w.mv->x;
 float *const jaref = w.jaref, *const jv = w.jv, *const force = w.force;
 const float *const stiffness = w.stiffness;
 
-auto sum = [](float x) {
+// Sets each to its sum over the lanes.
+auto sum = [](auto&... x) {
 #if defined(__CUDA_ARCH__)
-    for (int step = 16; step; step /= 2)
-        x += __shfl_xor_sync(0xffffffffu, x, step);
+    ROLLED for (int step = 16; step; step /= 2)
+        ((x += __shfl_xor_sync(0xffffffffu, x, step)), ...);
 #endif
-    return x;
 };
 auto in_any = [](Set x) {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+    return __reduce_or_sync(0xffffffffu, x);
+#else
 #if defined(__CUDA_ARCH__)
-    for (int step = 16; step; step /= 2)
+    ROLLED for (int step = 16; step; step /= 2)
         x |= __shfl_xor_sync(0xffffffffu, x, step);
 #endif
     return x;
+#endif
 };
 // The lanes for which something is so, as bits.
 auto lanes_with = [](bool is_so) {
@@ -141,7 +150,7 @@ EACH(r, n) {
 EACH(i, PADDED)
     w.inertia[i] = Four{};
 EACH(b, N_BLOCKS)
-    w.far[b] = w.below[b] = 0, w.level[b] = 0, w.own[b] = -1;
+    w.below[b] = 0, w.level[b] = 0, w.own[b] = -1;
 SYNC();
 
 // Groups of rows with the same blocks: their rows lie together, from `first_row` of the group to that of the next.
@@ -194,13 +203,16 @@ if (n_entries > ENTRIES) {
         w.own[b] = -1;
 #endif
 }
+bool is_far = false;
 EACH(i, NV) {
-    for (int k = 0; k < inertia_length[i]; k++) {
+    ROLLED for (int k = 0; k < inertia_length[i]; k++) {
         const int c = inertia_column[inertia_address[i] + k];
         if (c >> 2 == i >> 2) {
             const float value = M[inertia_address[i] + k];
             w.inertia[i].x[c & 3] = value;
             w.inertia[c].x[i & 3] = value;
+        } else {
+            is_far = true;
         }
     }
     qacc[i] = WARMSTART && n > 0 ? qacc_warmstart[i] : qacc_smooth[i];
@@ -212,39 +224,52 @@ EACH(i, PADDED)
         qacc[i] = smooth[i] = 0.0f;
     }
 // Blocks that the inertia couples with others.
-EACH(b, N_BLOCKS)
-    for (int i = 4 * b; i < 4 * b + 4 && i < NV; i++)
-        for (int k = 0; k < inertia_length[i]; k++)
-            if (inertia_column[inertia_address[i] + k] >> 2 != b)
-                w.far[b] |= Set(1) << (inertia_column[inertia_address[i] + k] >> 2);
-Set is_far = 0;
-EACH(b, N_BLOCKS)
-    is_far |= w.far[b], w.below[b] |= w.far[b];
-const bool has_far = in_any(is_far) != 0;
+const bool has_far = lanes_with(is_far) != 0;
+if (has_far) {
+    EACH(b, N_BLOCKS)
+        ROLLED for (int i = 4 * b; i < 4 * b + 4 && i < NV; i++)
+            ROLLED for (int k = 0; k < inertia_length[i]; k++) {
+                const int other = inertia_column[inertia_address[i] + k] >> 2;
+                if (other != b)
+                    w.below[b] |= Set(1) << other;
+            }
+}
 SYNC();
 
 // Blocks that the factor has, and levels: a block's factor needs those of lower levels.
-for (int j = 0; j < N_BLOCKS; j++) {
-    Set above = 0;
-    for (int start = 0; start < N_BLOCKS; start += LANES)
-        above |= lanes_with(start + lane < N_BLOCKS && HAS(w.below[start + lane < N_BLOCKS ? start + lane : 0], j)) << start;
-    if (lane == 0)
-        w.above[j] = above;
-    if (!above)
-        continue;
-    EACH(i, N_BLOCKS)
-        if (HAS(above, i)) {
-            w.below[i] |= above & BELOW(i);
-            w.level[i] = w.level[i] > w.level[j] ? w.level[i] : w.level[j] + 1;
-        }
-    SYNC();
+bool is_coupled = false;
+EACH(b, N_BLOCKS) {
+    is_coupled |= w.below[b] != 0;
+    w.above[b] = 0;
+    w.first_block[b] = b;
 }
-int n_blocks = 0, n_levels = 0;
-for (int b = 0; b < N_BLOCKS; b++) {
-    if (lane == 0)
-        w.first_block[b] = n_blocks;
-    n_blocks += COUNT(w.below[b]) + 1;
-    n_levels = w.level[b] >= n_levels ? w.level[b] + 1 : n_levels;
+int n_blocks = N_BLOCKS, n_levels = 1;
+if (lanes_with(is_coupled)) {
+    ROLLED for (int j = 0; j < N_BLOCKS; j++) {
+        SYNC();
+        Set above = 0;
+        ROLLED for (int start = 0; start < N_BLOCKS; start += LANES) {
+            const int i = start + lane;
+            above |= lanes_with(i < N_BLOCKS && HAS(w.below[i < N_BLOCKS ? i : 0], j)) << start;
+        }
+        if (lane == 0)
+            w.above[j] = above;
+        if (!above)
+            continue;
+        EACH(i, N_BLOCKS)
+            if (HAS(above, i)) {
+                w.below[i] |= above & BELOW(i);
+                w.level[i] = w.level[i] > w.level[j] ? w.level[i] : w.level[j] + 1;
+            }
+    }
+    SYNC();
+    n_blocks = 0;
+    ROLLED for (int b = 0; b < N_BLOCKS; b++) {
+        if (lane == 0)
+            w.first_block[b] = n_blocks;
+        n_blocks += COUNT(w.below[b]) + 1;
+        n_levels = w.level[b] >= n_levels ? w.level[b] + 1 : n_levels;
+    }
 }
 if (lane == 0)
     w.first_block[N_BLOCKS] = n_blocks;
@@ -289,13 +314,14 @@ EACH(b, N_BLOCKS) {
         w.least_pivot[4 * b + c] = has_far ? LEAST_PIVOT * w.inertia[4 * b + c].x[c] : pivot;
         for (int i = 3; i > c; i--)
             for (int k = c + 1; k <= i; k++)
-                row[i].x[k] -= row[i].x[c] * row[k].x[c] / pivot;
+                row[i].x[k] -= QUOTIENT(row[i].x[c] * row[k].x[c], pivot);
     }
 }
 float trace = 0.0f;
 EACH(i, NV)
     trace += w.inertia[i].x[i & 3];
-const float scale = 1.0f / wp::max(TINY, sum(trace));
+sum(trace);
+const float scale = 1.0f / wp::max(TINY, trace);
 SYNC();
 
 auto dot = [](const Four& a, const Four& b) {
@@ -305,7 +331,7 @@ auto times_inertia = [&](const Four* x, Four* y) {
     EACH(i, PADDED) {
         float total = dot(w.inertia[i], x[i >> 2]);
         if (has_far && i < NV)
-            for (int c = 0; c < NV; c++) {
+            ROLLED for (int c = 0; c < NV; c++) {
                 const int id = c >> 2 == i >> 2 ? -1 : c < i ? inertia_id[i * NV + c] : inertia_id[c * NV + i];
                 if (id >= 0)
                     total += M[id] * x[c >> 2].x[c & 3];
@@ -321,7 +347,7 @@ auto row_times = [&](int p, const Four* x) {
         total += dot(*value++, x[b]);
     return total;
 };
-auto ratio = [](float x, float y) { return y != 0.0f ? x / y : 0.0f; };
+auto ratio = [](float x, float y) { return y != 0.0f ? QUOTIENT(x, y) : 0.0f; };
 
 // Groups in which a row has a force or is in the Hessian, as bits, the last for all from the 32nd on.
 Set is_active = 0;
@@ -336,7 +362,7 @@ auto update_rows = [&]() {
         if (w.kind[p] == ONE_SIDED) {
             if (x >= 0.0f)
                 f = 0.0f, now = SATISFIED;
-        } else if (w.kind[p] == FRICTION) {
+        } else if (FRICTIONS && w.kind[p] == FRICTION) {
             const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);
             if (x <= -limit)
                 f = loss, now = LINEARNEG;
@@ -389,7 +415,7 @@ auto update_hessian = [&]() {
     }
     if (has_far)
         EACH(i, NV)
-            for (int k = 0; k < inertia_length[i]; k++) {
+            ROLLED for (int k = 0; k < inertia_length[i]; k++) {
                 const int c = inertia_column[inertia_address[i] + k];
                 if (c >> 2 != i >> 2)
                     block(i >> 2, c >> 2).row[i & 3].x[c & 3] = M[inertia_address[i] + k];
@@ -404,7 +430,7 @@ auto update_hessian = [&]() {
         const Four* first = w.entry + w.first_entry[g];
         auto nth = [&](int k) {
             Set rest = blocks;
-            while (k-- > 0)
+            ROLLED while (k-- > 0)
                 rest &= rest - 1;
             return FIRST(rest);
         };
@@ -414,7 +440,7 @@ auto update_hessian = [&]() {
             if (t < n_products) {
                 // Pairs u >= v of the group's blocks, and the entries of their product.
                 int u = 0, v = t >> 4;
-                while (v > u)
+                ROLLED while (v > u)
                     v -= ++u;
                 const int a = t >> 2 & 3, c = t & 3;
                 for (int p = begin; p < end; p++, entry += length)
@@ -511,13 +537,13 @@ auto solve = [&]() {
         }
         SYNC();
     }
-    float of_grad = 0.0f, of_search = 0.0f, of_both = 0.0f;
+    grad_dot = search_dot = decrement = 0.0f;
     EACH(i, NV) {
-        of_grad += grad[i] * grad[i];
-        of_search += search[i] * search[i];
-        of_both -= grad[i] * search[i];
+        grad_dot += grad[i] * grad[i];
+        search_dot += search[i] * search[i];
+        decrement -= grad[i] * search[i];
     }
-    grad_dot = sum(of_grad), search_dot = sum(of_search), decrement = sum(of_both);
+    sum(grad_dot, search_dot, decrement);
 };
 
 times_inertia(w.qacc, w.ma);
@@ -554,7 +580,7 @@ if (n == 0) {
         }
         const float improved = scale * improvement;
         const bool is_done = alpha == 0.0f || (improved > 0.0f && improved < tolerance) ||
-                             scale * sqrtf(grad_dot) < tolerance || 0.5f * scale * decrement < tolerance;
+                             scale * ROOT(grad_dot) < tolerance || 0.5f * scale * decrement < tolerance;
         if (iteration > 0 && is_done)
             break;
         if (iteration == ITERATIONS) {
@@ -572,20 +598,6 @@ if (n == 0) {
         struct Point {
             float cost, slope, curvature, alpha;
         };
-        float slope = 0.0f, half_curvature = 0.0f;
-        EACH(i, NV) {
-            slope += search[i] * (ma[i] - smooth[i]);
-            half_curvature += 0.5f * search[i] * mv[i];
-        }
-        EACH(p, n) {
-            if (w.kind[p] != EQUALITY)
-                continue;
-            const float stiff = jv[p] * stiffness[p];
-            slope += stiff * jaref[p];
-            half_curvature += 0.5f * jv[p] * stiff;
-        }
-        slope = sum(slope), half_curvature = sum(half_curvature);
-
         auto friction_cost = [](float x, float loss, float limit, float d) {
             if (-limit < x && x < limit)
                 return 0.5f * d * x * x;
@@ -607,6 +619,8 @@ if (n == 0) {
                 point.curvature += curvature;
                 return;
             }
+            if (!FRICTIONS)
+                return;
             const float loss = frictionloss[w.origin[p]], limit = ratio(loss, d);
             point.cost += friction_cost(x, loss, limit, d) - friction_cost(x0, loss, limit, d);
             if (-limit < x && x < limit)
@@ -614,44 +628,56 @@ if (n == 0) {
             else
                 point.slope += x <= -limit ? -loss * v : loss * v;
         };
-        auto at = [&](float alpha) {
-            const float change = alpha * half_curvature;
-            return Point{alpha * change + alpha * slope, 2.0f * change + slope, 2.0f * half_curvature, alpha};
-        };
-        auto plus = [&](const Point& point, const Point& rows) {
-            return Point{point.cost + sum(rows.cost), point.slope + sum(rows.slope),
-                         point.curvature + sum(rows.curvature), point.alpha};
-        };
-
         // Where it begins, with the cost of the rows themselves, of which the noise is made.
+        float slope = 0.0f, half_curvature = 0.0f, rows_cost = 0.0f;
         Point rows{};
-        float cost = 0.0f;
+        EACH(i, NV) {
+            slope += search[i] * (ma[i] - smooth[i]);
+            half_curvature += 0.5f * search[i] * mv[i];
+        }
         EACH(p, n) {
-            add_row(p, 0.0f, rows);
             const float x = jaref[p], d = stiffness[p];
-            if (w.kind[p] == FRICTION) {
+            if (w.kind[p] == EQUALITY) {
+                const float stiff = jv[p] * d;
+                slope += stiff * x;
+                half_curvature += 0.5f * jv[p] * stiff;
+                continue;
+            }
+            add_row(p, 0.0f, rows);
+            if (FRICTIONS && w.kind[p] == FRICTION) {
                 const float loss = frictionloss[w.origin[p]];
-                cost += friction_cost(x, loss, ratio(loss, d), d);
-            } else if (w.kind[p] == ONE_SIDED && x < 0.0f) {
-                cost += 0.5f * d * x * x;
+                rows_cost += friction_cost(x, loss, ratio(loss, d), d);
+            } else if (x < 0.0f) {
+                rows_cost += 0.5f * d * x * x;
             }
         }
-        const float rows_cost = sum(cost), rows_curvature = sum(rows.curvature);
-        const Point origin{0.0f, slope + sum(rows.slope), 2.0f * half_curvature + rows_curvature, 0.0f};
-        const float terms = sqrtf(2.0f * wp::max(rows_cost, 0.0f) * wp::max(rows_curvature, 0.0f)) + fabsf(slope);
-        const float tolerance_of_slope = wp::max(tolerance * ls_tolerance * sqrtf(search_dot) / scale, 1e-6f);
+        sum(slope, half_curvature, rows_cost, rows.slope, rows.curvature);
+        const Point origin{0.0f, slope + rows.slope, 2.0f * half_curvature + rows.curvature, 0.0f};
+        const float terms = ROOT(2.0f * wp::max(rows_cost, 0.0f) * wp::max(rows.curvature, 0.0f)) + fabsf(slope);
+        const float tolerance_of_slope = wp::max(tolerance * ls_tolerance * ROOT(search_dot) / scale, 1e-6f);
         const float accepted = wp::max(tolerance_of_slope, NOISE * terms);
         const float least_alpha = NOISE * wp::max(1.0f, ratio(terms, origin.curvature));
+        // What the rest has, which lanes share, at the points of which each lane knows its rows.
+        auto complete = [&](auto&... point) {
+            sum(point.cost..., point.slope..., point.curvature...);
+            auto add_rest = [&](Point& at) {
+                const float change = at.alpha * half_curvature;
+                at.cost += at.alpha * change + at.alpha * slope;
+                at.slope += 2.0f * change + slope;
+                at.curvature += 2.0f * half_curvature;
+            };
+            (add_rest(point), ...);
+        };
 
         alpha = improvement = 0.0f;
         bool is_found = fabsf(origin.slope) < NOISE * terms;
         auto is_accepted = [&](const Point& point) { return fabsf(point.slope) < accepted && point.cost < 0.0f; };
         if (!is_found) {
             const float newton = -ratio(origin.slope, origin.curvature);
-            rows = Point{};
+            Point guess{0.0f, 0.0f, 0.0f, newton};
             EACH(p, n)
-                add_row(p, newton, rows);
-            const Point guess = plus(at(newton), rows);
+                add_row(p, newton, guess);
+            complete(guess);
             if (is_accepted(guess)) {
                 is_found = true;
                 alpha = newton, improvement = -guess.cost;
@@ -659,21 +685,23 @@ if (n == 0) {
                 const bool is_less = guess.slope < origin.slope;
                 Point lo = is_less ? guess : origin, hi = is_less ? origin : guess;
                 for (int step = 0; step < LS_ITERATIONS && !is_found; step++) {
-                    const float alphas[3] = {lo.alpha - ratio(lo.slope, lo.curvature),
-                                             hi.alpha - ratio(hi.slope, hi.curvature), 0.5f * (lo.alpha + hi.alpha)};
-                    Point next[3] = {};
-                    EACH(p, n)
-                        for (int k = 0; k < 3; k++)
-                            add_row(p, alphas[k], next[k]);
-                    for (int k = 0; k < 3; k++)
-                        next[k] = plus(at(alphas[k]), next[k]);
-                    const Point &lo_next = next[0], &hi_next = next[1], &mid = next[2];
+                    Point lo_next{0.0f, 0.0f, 0.0f, lo.alpha - ratio(lo.slope, lo.curvature)};
+                    Point hi_next{0.0f, 0.0f, 0.0f, hi.alpha - ratio(hi.slope, hi.curvature)};
+                    Point mid{0.0f, 0.0f, 0.0f, 0.5f * (lo.alpha + hi.alpha)};
+                    EACH(p, n) {
+                        add_row(p, lo_next.alpha, lo_next);
+                        add_row(p, hi_next.alpha, hi_next);
+                        add_row(p, mid.alpha, mid);
+                    }
+                    complete(lo_next, hi_next, mid);
                     bool swapped = false;
                     if (is_accepted(lo_next) || is_accepted(hi_next) || is_accepted(mid)) {
                         lo.cost = 1e10f;
-                        for (int k = 0; k < 3; k++)
-                            if (is_accepted(next[k]) && next[k].cost < lo.cost)
-                                lo = next[k];
+                        auto take = [&](const Point& next) {
+                            if (is_accepted(next) && next.cost < lo.cost)
+                                lo = next;
+                        };
+                        take(lo_next), take(hi_next), take(mid);
                         hi = lo;
                         is_found = true;
                     } else {

@@ -65,6 +65,7 @@ class Size(NamedTuple):
         rows: constraint rows of a world that there is room for.
         sparse: whether rows of the Jacobian are kept as their entries that are not zero, with their columns.
         stride: entries from a row of a dense Jacobian to the next.
+        frictions: whether joints or tendons have dry friction, whose rows are limited from both sides.
         iterations, ls_iterations: of the solver and of each of its line searches, at most.
         warmstart: whether a step begins at the last one's accelerations.
     """
@@ -73,6 +74,7 @@ class Size(NamedTuple):
     rows: int
     sparse: bool
     stride: int
+    frictions: bool
     iterations: int
     ls_iterations: int
     warmstart: bool
@@ -140,6 +142,7 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], is_last: boo
         "IS_LAST": int(is_last),
         "SPARSE": int(size.sparse),
         "STRIDE": size.stride,
+        "FRICTIONS": int(size.frictions),
         "WARMSTART": int(size.warmstart),
         "ITERATIONS": size.iterations,
         "LS_ITERATIONS": size.ls_iterations,
