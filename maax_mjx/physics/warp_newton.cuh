@@ -131,18 +131,45 @@ if (n > ROWS) {
 }
 #endif
 
+#if SPARSE
+// Where the entries of a row lie, read while those of the row before it are.
+struct Place {
+    int begin, length;
+};
+auto place_of = [&](int r) { return r < n ? Place{row_address[r], row_length[r]} : Place{}; };
+Place next = place_of(lane);
+#else
+// Four entries of a row, those of a block.
+auto load = [&](int r, int b) {
+    Four x{};
+#if STRIDE % 4 == 0
+    x = *reinterpret_cast<const Four*>(&J[r * STRIDE + 4 * b]);
+    for (int c = 0; c < 4; c++)
+        x.x[c] = 4 * b + c < NV ? x.x[c] : 0.0f;
+#else
+    for (int c = 0; c < 4; c++)
+        x.x[c] = 4 * b + c < NV ? J[r * STRIDE + 4 * b + c] : 0.0f;
+#endif
+    return x;
+};
+#endif
+
 // Which blocks each row has.
 EACH(r, n) {
     Set blocks = 0;
 #if SPARSE
+    const Place now = next;
+    next = place_of(r + LANES);
     // Rows that found no room in the Jacobian, which counts as an overflow, are empty.
-    if (row_address[r] + row_length[r] <= STRIDE)
-        for (int k = 0; k < row_length[r]; k++)
-            blocks |= Set(1) << (columns_of_rows[row_address[r] + k] >> 2);
+    if (now.begin + now.length <= STRIDE)
+        for (int k = 0; k < now.length; k++)
+            blocks |= Set(1) << (columns_of_rows[now.begin + k] >> 2);
 #else
-    for (int c = 0; c < NV; c++)
-        if (J[r * STRIDE + c] != 0.0f)
-            blocks |= Set(1) << (c >> 2);
+    for (int b = 0; b < N_BLOCKS; b++) {
+        const Four x = load(r, b);
+        if (x.x[0] != 0.0f || x.x[1] != 0.0f || x.x[2] != 0.0f || x.x[3] != 0.0f)
+            blocks |= Set(1) << b;
+    }
 #endif
     w.unsorted.blocks[r] = blocks;
     w.unsorted.place[r] = -1;
@@ -215,13 +242,15 @@ EACH(i, NV) {
             is_far = true;
         }
     }
-    qacc[i] = WARMSTART && n > 0 ? qacc_warmstart[i] : qacc_smooth[i];
+    // The solver begins with a step from nothing to where it starts.
+    search[i] = WARMSTART && n > 0 ? qacc_warmstart[i] : qacc_smooth[i];
+    qacc[i] = ma[i] = 0.0f;
     smooth[i] = qfrc_smooth[i];
 }
 EACH(i, PADDED)
     if (i >= NV) {
         w.inertia[i].x[i & 3] = 1.0f;
-        qacc[i] = smooth[i] = 0.0f;
+        search[i] = qacc[i] = ma[i] = smooth[i] = 0.0f;
     }
 // Blocks that the inertia couples with others.
 const bool has_far = lanes_with(is_far) != 0;
@@ -283,27 +312,29 @@ if (n_blocks > BLOCKS) {
 auto entries = [&](int p, int g) {
     return w.entry + w.first_entry[g] + (p - w.first_row[g]) * COUNT(Set(w.in_group[g]));
 };
+#if SPARSE
+next = place_of(lane);
+#endif
 EACH(r, n) {
     const int p = w.unsorted.place[r];
     const Set blocks = w.in_group[w.group[p]];
     Four* to = entries(p, w.group[p]);
-#if SPARSE
-    for (int k = 0; k < COUNT(blocks); k++)
-        to[k] = Four{};
-    if (blocks)
-        for (int k = 0; k < row_length[r]; k++) {
-            const int c = columns_of_rows[row_address[r] + k];
-            to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] += J[row_address[r] + k];
-        }
-#else
-    EACH_IN(b, blocks) {
-        for (int c = 0; c < 4; c++)
-            to->x[c] = 4 * b + c < NV ? J[r * STRIDE + 4 * b + c] : 0.0f;
-        to++;
-    }
-#endif
     w.stiffness[p] = D[r];
     jaref[p] = -reference[r];
+#if SPARSE
+    const Place now = next;
+    next = place_of(r + LANES);
+    ROLLED for (int k = 0; k < COUNT(blocks); k++)
+        to[k] = Four{};
+    if (blocks)
+        for (int k = 0; k < now.length; k++) {
+            const int c = columns_of_rows[now.begin + k];
+            to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] += J[now.begin + k];
+        }
+#else
+    EACH_IN(b, blocks)
+        *to++ = load(r, b);
+#endif
     w.kind[p] = r < n_equalities ? EQUALITY : r < n_equalities + n_frictions ? FRICTION : ONE_SIDED;
     w.state[p] = 255;
 }
@@ -402,7 +433,7 @@ auto update_hessian = [&]() {
         if (g >= 0 && is_group_active(g)) {
             const int begin = w.first_row[g], end = w.first_row[g + 1];
             const Four* entry = w.entry + w.first_entry[g];
-            for (int p = begin; p < end; p++, entry++) {
+            ROLLED for (int p = begin; p < end; p++, entry++) {
                 const float x = entry->x[a], stiff = w.curvature[p] * x;
                 const Four e = *entry;
                 slope -= force[p] * x;
@@ -443,12 +474,12 @@ auto update_hessian = [&]() {
                 ROLLED while (v > u)
                     v -= ++u;
                 const int a = t >> 2 & 3, c = t & 3;
-                for (int p = begin; p < end; p++, entry += length)
+                ROLLED for (int p = begin; p < end; p++, entry += length)
                     total += w.curvature[p] * entry[u].x[a] * entry[v].x[c];
                 block(nth(u), nth(v)).row[a].x[c] += total;
             } else {
                 const int u = (t - n_products) >> 2, a = t & 3;
-                for (int p = begin; p < end; p++, entry += length)
+                ROLLED for (int p = begin; p < end; p++, entry += length)
                     total += force[p] * entry[u].x[a];
                 grad[4 * nth(u) + a] -= total;
             }
@@ -546,54 +577,18 @@ auto solve = [&]() {
     sum(grad_dot, search_dot, decrement);
 };
 
-times_inertia(w.qacc, w.ma);
-EACH(p, n)
-    jaref[p] += row_times(p, w.qacc);
-SYNC();
-update_rows();
-SYNC();
-int iteration = 0, overflows = 0;
-float grad_scale = 1.0f;
-
-if (n == 0) {
-    EACH(i, NV)
-        grad[i] = ma[i] - smooth[i];
-} else {
-    // An inertia that couples blocks is factorised first, without any row, for its pivots.
-    bool is_new = true, is_inertia = has_far;
-    const Set active = is_active;
-    if (is_inertia)
-        is_active = 0;
-    float alpha = 1.0f, improvement = 0.0f;
-    while (true) {
-        if (is_new) {
-            update_hessian();
-            solve();
-            grad_scale = 1.0f;
-        }
-        if (is_inertia) {
-            EACH(i, PADDED)
-                w.least_pivot[i] = 1.0f / (w.inverse_pivot[i] * w.inverse_pivot[i]);
-            is_inertia = false, is_active = active;
-            SYNC();
-            continue;
-        }
-        const float improved = scale * improvement;
-        const bool is_done = alpha == 0.0f || (improved > 0.0f && improved < tolerance) ||
-                             scale * ROOT(grad_dot) < tolerance || 0.5f * scale * decrement < tolerance;
-        if (iteration > 0 && is_done)
-            break;
-        if (iteration == ITERATIONS) {
-            overflows |= ITERATIONS > 0 ? NO_ITERATIONS_LEFT : 0;
-            break;
-        }
-        if (is_new) {
-            times_inertia(w.search, w.mv);
-            EACH(p, n)
-                jv[p] = row_times(p, w.search);
-            SYNC();
-        }
-
+int iteration = -1, overflows = 0;
+float alpha = 1.0f, improvement = 0.0f, grad_scale = 1.0f, least_alpha = 0.0f;
+// An inertia that couples blocks is factorised first, without any row, for its pivots.
+bool is_new = true, is_inertia = has_far;
+while (true) {
+    if (is_new) {
+        times_inertia(w.search, w.mv);
+        EACH(p, n)
+            jv[p] = row_times(p, w.search);
+        SYNC();
+    }
+    if (iteration >= 0) {
         // Line search: costs, slopes and curvatures along the direction, relative to the cost where it begins.
         struct Point {
             float cost, slope, curvature, alpha;
@@ -656,7 +651,7 @@ if (n == 0) {
         const float terms = ROOT(2.0f * wp::max(rows_cost, 0.0f) * wp::max(rows.curvature, 0.0f)) + fabsf(slope);
         const float tolerance_of_slope = wp::max(tolerance * ls_tolerance * ROOT(search_dot) / scale, 1e-6f);
         const float accepted = wp::max(tolerance_of_slope, NOISE * terms);
-        const float least_alpha = NOISE * wp::max(1.0f, ratio(terms, origin.curvature));
+        least_alpha = NOISE * wp::max(1.0f, ratio(terms, origin.curvature));
         // What the rest has, which lanes share, at the points of which each lane knows its rows.
         auto complete = [&](auto&... point) {
             sum(point.cost..., point.slope..., point.curvature...);
@@ -734,23 +729,48 @@ if (n == 0) {
                     overflows |= NO_LS_ITERATIONS_LEFT;
             }
         }
-
-        EACH(i, NV) {
-            qacc[i] += alpha * search[i];
-            ma[i] += alpha * mv[i];
-        }
-        EACH(p, n)
-            jaref[p] += alpha * jv[p];
-        // Where no state changes, the cost was quadratic: the gradient only becomes shorter, and so does the direction.
-        // A step that is mere rounding ends that.
-        is_new = update_rows() || fabsf(alpha) < least_alpha;
-        SYNC();
-        if (!is_new) {
-            const float left = grad_scale - alpha, share = ratio(left, grad_scale);
-            grad_dot *= share * share, decrement *= share * share;
-            grad_scale = left;
-        }
-        iteration++;
+    }
+    EACH(i, NV) {
+        qacc[i] += alpha * search[i];
+        ma[i] += alpha * mv[i];
+    }
+    EACH(p, n)
+        jaref[p] += alpha * jv[p];
+    iteration++;
+    if (n == 0)
+        break;
+    // Where no state changes, the cost was quadratic: the gradient only becomes shorter, and so does the direction.
+    // A step that is mere rounding ends that.
+    is_new = update_rows() || fabsf(alpha) < least_alpha;
+    SYNC();
+    if (is_new) {
+        const Set active = is_active;
+        do {
+            if (is_inertia)
+                is_active = 0;
+            update_hessian();
+            solve();
+            if (!is_inertia)
+                break;
+            EACH(i, PADDED)
+                w.least_pivot[i] = 1.0f / (w.inverse_pivot[i] * w.inverse_pivot[i]);
+            is_inertia = false, is_active = active;
+            SYNC();
+        } while (true);
+        grad_scale = 1.0f;
+    } else {
+        const float left = grad_scale - alpha, share = ratio(left, grad_scale);
+        grad_dot *= share * share, decrement *= share * share;
+        grad_scale = left;
+    }
+    const float improved = scale * improvement;
+    const bool is_done = alpha == 0.0f || (improved > 0.0f && improved < tolerance) ||
+                         scale * ROOT(grad_dot) < tolerance || 0.5f * scale * decrement < tolerance;
+    if (iteration > 0 && is_done)
+        break;
+    if (iteration == ITERATIONS) {
+        overflows |= ITERATIONS > 0 ? NO_ITERATIONS_LEFT : 0;
+        break;
     }
 }
 

@@ -232,8 +232,8 @@ def _newton_kernel(size: Size, states: tuple[tuple[str, int], ...], is_last: boo
             newton(
                 world,
                 lane,
-                tolerance[world % tolerance.shape[0]],
-                ls_tolerance[world % ls_tolerance.shape[0]],
+                tolerance[wp.min(world, tolerance.shape[0] - 1)],
+                ls_tolerance[wp.min(world, ls_tolerance.shape[0] - 1)],
                 n_equalities[world],
                 n_frictions[world],
                 n_rows[world],
