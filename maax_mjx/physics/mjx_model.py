@@ -42,15 +42,6 @@ def with_friction(model: mujoco.MjModel) -> mujoco.MjModel:
     return model
 
 
-def without_unused_rows(model: mujoco.MjModel, overlay: Overlay) -> mujoco.MjModel:
-    """Returns a copy that says so where no joint or tendon of any world has dry friction: Warp's solver is smaller then."""
-    model = copy.copy(model)
-    names = ("dof_frictionloss", "tendon_frictionloss")
-    if not any(name in overlay or getattr(model, name).any() for name in names):
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
-    return model
-
-
 def overlaid(model: mjx.Model, overlay: Overlay, fields: Fields) -> mjx.Model:
     """An mjx.Model of any implementation, kept on the host, with one world's rows in it."""
     model = jax.tree.map(jnp.asarray, model)

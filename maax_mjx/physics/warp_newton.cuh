@@ -6,8 +6,8 @@
 // sorted into groups that have the same blocks, as those of all contacts of a box with floor and walls have.
 //
 // The caller defines NV, CAPACITY, ROWS, ENTRIES, GROUPS, BLOCKS, BYTES, IS_LAST, SPARSE, STRIDE, FRICTIONS, WARMSTART,
-// ITERATIONS, LS_ITERATIONS, the bits NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC, LINEARNEG
-// and LINEARPOS. A world with more than ROWS rows, ENTRIES blocks in them or BLOCKS blocks of the factor is noted in
+// ITERATIONS, LS_ITERATIONS, the bits NO_ITERATIONS_LEFT and NO_LS_ITERATIONS_LEFT, and the states SATISFIED, QUADRATIC,
+// LINEARNEG and LINEARPOS. A world with more than ROWS rows, ENTRIES blocks in them or BLOCKS blocks of the factor is noted in
 // `left`; with IS_LAST there is none.
 
 typedef unsigned Set;
@@ -162,7 +162,7 @@ EACH(r, n) {
     next = place_of(r + LANES);
     // Rows that found no room in the Jacobian, which counts as an overflow, are empty.
     if (now.begin + now.length <= STRIDE)
-        for (int k = 0; k < now.length; k++)
+        ROLLED for (int k = 0; k < now.length; k++)
             blocks |= Set(1) << (columns_of_rows[now.begin + k] >> 2);
 #else
     for (int b = 0; b < N_BLOCKS; b++) {
@@ -327,7 +327,7 @@ EACH(r, n) {
     ROLLED for (int k = 0; k < COUNT(blocks); k++)
         to[k] = Four{};
     if (blocks)
-        for (int k = 0; k < now.length; k++) {
+        ROLLED for (int k = 0; k < now.length; k++) {
             const int c = columns_of_rows[now.begin + k];
             to[COUNT(blocks & BELOW(c >> 2))].x[c & 3] += J[now.begin + k];
         }

@@ -194,7 +194,9 @@ def test_what_it_cannot_solve_goes_to_the_solver_of_mjx(what, asked):
 
 
 def test_shared_memory_bounds_what_fits():
-    size = Size(nv=60, rows=672, sparse=True, stride=6564, frictions=False, iterations=20, ls_iterations=20, warmstart=True)
+    size = Size(
+        nv=60, rows=672, sparse=True, stride=6564, frictions=False, iterations=20, ls_iterations=20, warmstart=True
+    )
     needed = size.room(is_last=True).bytes
     assert size.room(is_last=False).bytes < needed
     assert size.fits(needed + RESERVED)
