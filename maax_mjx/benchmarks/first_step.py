@@ -88,13 +88,17 @@ def measure(case: Case, config: Config) -> Row:
     with TemporaryDirectory() as folder:
         environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": folder}
         command = [sys.executable, "-c", PROCESS, case.env, case.impl, str(case.worlds)]
-        runs = [
-            json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
-            for _ in range(2)
-        ]
+        runs = [_times(command, environment) for _ in range(2)]
     first, second = ([round(seconds, 2) for seconds in (*run, sum(run))] for run in runs)
     both: dict[str, Any] = {f"{part}_s": list(seconds) for part, *seconds in zip(PARTS, first, second, strict=True)}
     return Row(**vars(case), **both)
+
+
+def _times(command: list[str], environment: dict[str, str]) -> list[float]:
+    printed = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+    # Whatever is before that line was printed by the file of a game.
+    times: list[float] = json.loads(printed.splitlines()[-1])
+    return times
 
 
 def line(row: Row) -> str:

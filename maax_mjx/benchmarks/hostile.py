@@ -185,7 +185,10 @@ def compiled(
     keep_faults: Path | None = None,
 ) -> tuple[maax.Worlds, Callable]:
     """A batch of a game, and its rollout, compiled."""
-    options: dict[str, Any] = {"impl": impl, "contacts_per_world": contacts_per_world}
+    # Only what is asked for: a game of one's own may have no such fields.
+    options: dict[str, Any] = {"impl": impl}
+    if contacts_per_world is not None:
+        options["contacts_per_world"] = contacts_per_world
     if gravity is not None:
         options["world_params.gravity"] = gravity
     worlds = maax.Worlds(maax.make(game, **options), n_worlds, keep_faults=keep_faults)

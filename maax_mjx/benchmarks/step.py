@@ -139,8 +139,11 @@ def compiled(
     env: str, impl: str, n_worlds: int, steps: int, horizon: int, contacts_per_world: int | None, preset: str
 ) -> Batch:
     """A batch whose rollouts of `steps` env steps are compiled."""
-    bodies = {} if preset == OURS else {"preset": preset}
-    made = maax.make(env, impl=impl, horizon=horizon, contacts_per_world=contacts_per_world, **bodies)
+    # Only what is asked for: a game of one's own may have no such fields.
+    fields: dict[str, Any] = {} if preset == OURS else {"preset": preset}
+    if contacts_per_world is not None:
+        fields["contacts_per_world"] = contacts_per_world
+    made = maax.make(env, impl=impl, horizon=horizon, **fields)
     worlds = maax.Worlds(made, n_worlds)
     begun = time.perf_counter()
     states = jax.block_until_ready(worlds.reset(jax.random.key(0)))

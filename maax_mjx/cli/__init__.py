@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -24,8 +25,10 @@ from maax_mjx.cli.worlds import Sheet, sheet
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.options import NUMBERS, parsed
 from maax_mjx.common.runtime import is_out_of_memory
+from maax_mjx.common.version import VERSION
 from maax_mjx.tasks import check_game
 from maax_mjx.training.config import GROUPS
+from maax_mjx.training.folder import RUN
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
@@ -71,7 +74,9 @@ def main(argv: list[str] | None = None) -> None:
         check_words(argv)
         if argv[:1] == ["--tyro-print-completion"]:
             check_choice("tyro-print-completion", argv[1] if len(argv) > 1 else "nothing", SHELLS)
-        if argv[:1] == ["bench"]:
+        if argv == ["--version"]:
+            print(f"maax-mjx {VERSION}")
+        elif argv[:1] == ["bench"]:
             bench(argv[1:])
         else:
             run(argv)
@@ -108,6 +113,10 @@ def run(argv: list[str]) -> None:
     if named and argv[0] == "info":
         check_named(argv[1])
     elif named:
+        if argv[0] == "rollout" and (Path(argv[1]) / RUN).exists():
+            raise ValueError(
+                f"env: got {argv[1]}, the folder of a run; takes a game: maax-mjx rollout GAME --policy {argv[1]}"
+            )
         check_game("env", argv[1])
     args = parsed(
         lambda: tyro.extras.subcommand_cli_from_dict(

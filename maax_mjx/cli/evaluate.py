@@ -51,7 +51,10 @@ def evaluate(args: Evaluate, overrides: Mapping[str, str]) -> None:
     check_fields(args)
     policy = training.player_of("policy", args.policy)
     if not isinstance(policy, training.TrainedPolicy):
-        raise ValueError(f"policy: got the scripted {args.policy!r}; takes a file or the folder of a run")
+        raise ValueError(
+            f"policy: got the scripted {args.policy!r}; takes a file, the folder of a run, or a name such as "
+            "quadrant/forts"
+        )
     with Interrupt():
         fields = values_of(policy.game["game"], overrides) if policy.game else {}
         env = policy.make_env(impl=args.impl, **fields)

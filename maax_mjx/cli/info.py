@@ -201,8 +201,16 @@ def of_env(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
         "action space": _space(env.action_space),
         "observation space": _space(env.observation_space),
         "observations": [row._asdict() for row in env.describe()],
-        "about": inspect.cleandoc(type(config).__doc__ or ""),
+        "about": _explained(type(config)),
     }
+
+
+def _explained(config: type) -> str:
+    """Returns what a config says of itself, and where the fields that it has from others are explained."""
+    about = inspect.cleandoc(vars(config).get("__doc__") or "")
+    if config is maax.WorldConfig or not issubclass(config, maax.WorldConfig):
+        return about
+    return f"{about}\n\nFields that are not explained here are those of all worlds: help(maax.WorldConfig) in Python."
 
 
 def _space(space: spaces.Dict) -> dict[str, str]:

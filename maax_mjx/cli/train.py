@@ -92,6 +92,8 @@ def train(args: Train, env: Mapping[str, str]) -> None:
         KeyboardInterrupt: after Ctrl-C, once everything is written.
     """
     check_fields(args)
+    if not args.devices.isdigit() and args.devices != "all":
+        raise ValueError(f"devices: got {args.devices}; takes a number, or all")
     args, fields = _went_on(args, env)
     minutes = args.minutes or (None if args.steps else DEFAULT_MINUTES)
     with Interrupt() as interrupt:

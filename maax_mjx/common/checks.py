@@ -27,6 +27,8 @@ def is_traced(tree: Any) -> bool:
 
 def described(value: Any) -> str:
     """Returns a short text for a value: numbers and strings as they are, else the type, as a state's repr is long."""
+    if isinstance(value, jax.core.Tracer):
+        return "an array"
     return repr(value) if value is None or isinstance(value, str | int | float) else type(value).__name__
 
 

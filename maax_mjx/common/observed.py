@@ -118,8 +118,22 @@ def flag(*names: str) -> tuple[Column, ...]:
     return tuple(Column(name) for name in names)
 
 
+def check_axes(table: Mapping[str, Observed]) -> None:
+    """Refuses an axis in the plural, which would be another one than that of agents, or of a kind that has a mask."""
+    kinds = {AGENT, *(name.removesuffix("_mask") for name in table if name.endswith("_mask"))}
+    plurals = {f"{kind}{end}": kind for kind in kinds for end in ("s", "es")}
+    for name, one in table.items():
+        for axis in one.axes:
+            if axis in plurals and axis not in kinds:
+                raise ValueError(f"axes: got {axis!r} for {name!r}; takes {plurals[axis]!r}, in the singular")
+
+
 def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
-    """Returns the table with the masks of every array filled in, where there are such masks."""
+    """Returns the table with the masks of every array filled in, where there are such masks.
+
+    Raises:
+        ValueError: something else than declarations, or an axis in the plural.
+    """
 
     def masks(name: str, one: Observed) -> Observed:
         if not isinstance(one, Observed):
@@ -131,7 +145,9 @@ def resolved(table: Mapping[str, Observed]) -> dict[str, Observed]:
         seen = f"sees_{kind}" if f"sees_{kind}" in table else None
         return replace(one, present=one.present or present, seen=one.seen or seen)
 
-    return {name: masks(name, one) for name, one in table.items()}
+    found = {name: masks(name, one) for name, one in table.items()}
+    check_axes(found)
+    return found
 
 
 def check_arrays(obs: Any, hook: str, who: str) -> dict[str, jax.Array]:

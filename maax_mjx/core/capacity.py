@@ -39,6 +39,9 @@ def check_module(
         ValueError: a module that does not fit; the message names the argument.
     """
     name = getattr(module, "name", None)
+    if isinstance(module, Placed) and not hasattr(module, "count"):
+        mine = type(module).__name__
+        raise ValueError(f"module: {mine} was not made; takes a first line super().__init__(...) in its __init__")
     if not isinstance(name, str) or not name:
         mine = type(module).__name__
         raise ValueError(f"name: {mine} has {name!r}; takes a text of its own, in the class: name = {mine.lower()!r}")

@@ -216,6 +216,7 @@ class Environment(Recorded, ABC):
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """Draws a uniform random action; traceable."""
+        check_key("key", key)
         return sample(self.action_space, key)
 
     def __repr__(self) -> str:

@@ -230,6 +230,7 @@ class Worlds:
 
     def sample_action(self, key: jax.Array) -> dict[str, jax.Array]:
         """Draws a uniform random action for every world, the same on any number of devices."""
+        check_key("key", key)
         return self._sample(self.shards.share(key))
 
     @cached_property

@@ -113,7 +113,8 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
     """Registers an environment under a name: your own modules and wrappers, packaged as a game.
 
     Args:
-        name: a new name, or the one that a function of the same name and module has, which this one replaces.
+        name: a new name without spaces, or the one that a function of the same name and module has, which this one
+            replaces.
         build: function that makes the environment from a config.
         config: a frozen dataclass whose fields all have defaults, which `make` can override; their values are held
             against the annotations.
@@ -123,6 +124,8 @@ def register(name: str, build: Callable[[Any], Environment], config: type) -> No
             defaults that its annotations do not allow.
     """
     check_new_name(name, {taken: task.build for taken, task in _TASKS.items()}, build)
+    if name.split() != [name]:
+        raise ValueError(f"name: got {name!r}; takes a name without spaces, which command lines take as it is")
     if not callable(build):
         raise ValueError(f"build: got {build!r}; takes a function from a config to an environment")
     check_takes("build", build, ("config",), "environment")

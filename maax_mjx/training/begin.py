@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from maax_mjx.common.checks import described
+from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make
 from maax_mjx.tasks.config import field_names
@@ -21,6 +21,41 @@ from maax_mjx.training.policy import check_fits, check_policy
 from maax_mjx.training.transfer import transferred
 
 DEFAULT = "its default"
+ENV = "env."
+"""What names of the game's fields begin with, among settings of a training."""
+
+
+def game_fields(
+    overrides: Mapping[str, Any], env: Mapping[str, Any] | None
+) -> tuple[dict[str, Any], Mapping[str, Any] | None]:
+    """Splits settings by dotted name into those of the training, and fields of the game with what `env` has of them.
+
+    "env.n_boxes" is a field of the game, as `--env.n_boxes` is in a shell.
+    """
+    fields = {name.removeprefix(ENV): value for name, value in overrides.items() if name.startswith(ENV)}
+    settings = {name: value for name, value in overrides.items() if not name.startswith(ENV)}
+    return settings, {**(env or {}), **fields} if fields and (env is None or isinstance(env, Mapping)) else env
+
+
+def check_words(overrides: Mapping[str, Any], arguments: Iterable[str], game: Any) -> None:
+    """Refuses settings that there are not.
+
+    Args:
+        overrides: settings by dotted name.
+        arguments: what else the function takes that got them.
+        game: the game, a field of which may have been meant.
+
+    Raises:
+        ValueError: another name; the message suggests the nearest ones.
+    """
+    names = {*arguments, *field_names(TrainConfig())}
+    for name in overrides:
+        try:
+            check_choice("train", name.partition(".")[0] if name not in names else name, names | set(GROUPS))
+        except ValueError as error:
+            is_field = isinstance(game, str) and name in field_names(config_of(game))
+            hint = f"; a field of the game is env={{{name!r}: ...}}" if is_field else ""
+            raise ValueError(f"{error}{hint}") from None
 
 
 def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None) -> Environment:
@@ -34,6 +69,10 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     Raises:
         ValueError: fields with an environment, or what `make` refuses.
     """
+    if isinstance(game, str) and (Path(game) / RUN).exists():
+        raise ValueError(
+            f"game: got {game!r}, the folder of a run; takes the name of its game, with this as its folder"
+        )
     if env is not None and not isinstance(env, Mapping):
         raise ValueError(f"env: got {described(env)}; takes a dict of the game's fields, such as {{'horizon': 80}}")
     if not isinstance(game, str):

@@ -25,6 +25,7 @@ from maax_mjx.training.begin import (
     changed_settings,
     check_same,
     environment_of,
+    game_fields,
     preset_in,
     taken_over,
 )
@@ -99,6 +100,7 @@ class Trainer:
         **overrides: Any,
     ):
         preset = preset or preset_in(folder)
+        overrides, env = game_fields(overrides, env)
         self.config = preset_of(preset, overrides if worlds is None else {**overrides, "worlds": worlds})
         seed = check_count("seed", seed, maximum=LONG)
         self.env = environment_of(game, self.config, env)

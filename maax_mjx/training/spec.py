@@ -164,7 +164,8 @@ def spec_of(env: Environment) -> Spec:
         if not one.is_of_agents or not one.private:
             raise ValueError(
                 f"env: got {name!r} in its observations, which belongs to no agent; takes an environment whose agents "
-                "observe for themselves: observations='ego' of a game, or SplitObservations(env)"
+                "observe for themselves: --env.observations ego or split of a game, observations='ego' in Python, or "
+                "SplitObservations(env); standard has neither, nor rewards"
             )
         if one.derived or 0 in shape or (name in masks and not one.columns):
             continue

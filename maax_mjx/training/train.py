@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from maax_mjx.common.checks import check_bool
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
-from maax_mjx.training.begin import preset_in
+from maax_mjx.training.begin import check_words, game_fields, preset_in
 from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.run import Progress, Run, Trainer, check_end
@@ -56,13 +57,13 @@ def train(
         seed: of the worlds, the weights and all draws.
         on_iteration: called after every iteration; a run ends after it returns False.
         begin_from: a policy that a new run begins with, also of another game with the same columns.
-        env: fields of the game's config to change; only with a name.
+        env: fields of the game's config to change, such as {"n_boxes": 1}; only with a name.
         keep_faults: folder for the last moments of worlds with faults, see `Worlds`.
         bar: whether stderr shows the progress.
         transfer: whether `begin_from` may be of a game with other observations and actions: what both games have is
             taken over by its name, and the last layers and the norms before them start at random, as where Baker et al.
             fine-tune.
-        **overrides: settings by dotted name, such as "ppo.lr".
+        **overrides: settings by dotted name, such as "ppo.lr"; "env.n_boxes" is a field of the game, as in `env`.
 
     Returns:
         The run's folder and its policy.
@@ -80,7 +81,9 @@ def train(
     check_bool("bar", bar)
     preset = preset or preset_in(folder)
     # A mistyped setting before what is missing: "steps" may be what was meant.
-    preset_of(preset, overrides)
+    settings, _ = game_fields(overrides, env)
+    check_words(settings, [name for name in signature(train).parameters if name != "overrides"], game)
+    preset_of(preset, settings)
     check_end(minutes, steps, on_iteration)
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides

@@ -42,6 +42,22 @@ def test_sampling(sampled):
         assert row["found"] > 11, "14 points of 0.25 m fill the floor nearly, for every method"
 
 
+@pytest.mark.parametrize("compiled", [step.compiled, hostile.compiled])
+def test_games_are_made_with_what_is_asked_for_alone(compiled, monkeypatch):
+    """A game of one's own need not have room for contacts, or bodies, among its fields."""
+    given = []
+
+    def make(name, **fields):
+        given.append(fields)
+        raise InterruptedError
+
+    monkeypatch.setattr(maax, "make", make)
+    arguments = ("king", "c", 2, 8, 4, None, "ours") if compiled is step.compiled else ("king", "c", 2, None, None)
+    with pytest.raises(InterruptedError):
+        compiled(*arguments)
+    assert set(given[0]) - {"horizon"} == {"impl"}
+
+
 def test_scattered_points_keep_apart_inside():
     draw = jax.jit(jax.vmap(lambda key: sampling.scatter(14, 0.5, 2.0, 0.2, key)))
     for table in np.asarray(draw(jax.random.split(seeds.key(0), 8))):

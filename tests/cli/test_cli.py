@@ -191,6 +191,11 @@ def test_replay(played, kind, capsys):
         (["worlds", "--seed", "99999999999999999999999"], "seed: got 99999999999999999999999"),
         (["worlds", "--placement"], "placement: got no value"),
         (["worlds", "--placement=middel:0.5"], "placement: got 'middel'; did you mean 'middle'"),
+        (
+            ["evaluate", "chase"],
+            "policy: got the scripted 'chase'; takes a file, the folder of a run, or a name such as",
+        ),
+        (["train", "tag", "--devices", "gpu"], "devices: got gpu; takes a number, or all"),
         (["evaluate", "tag/runners", "--episodes=1"], "episodes: got 1; takes a whole number of at least 2"),
         (["worlds", "--scenario"], "scenario: got no value"),
         (["worlds", "--n=1000000000"], "n: got 1000000000"),
@@ -333,6 +338,18 @@ def test_placements_that_are_none(text):
         parse_placement(text)
 
 
+def test_the_folder_of_a_run_is_no_game(tmp_path, capsys):
+    (tmp_path / "run.json").write_text("{}")
+    with pytest.raises(SystemExit):
+        main(["rollout", str(tmp_path)])
+    assert f"takes a game: maax-mjx rollout GAME --policy {tmp_path}" in capsys.readouterr().err
+
+
+def test_version(capsys):
+    main(["--version"])
+    assert capsys.readouterr().out == f"maax-mjx {maax.__version__}\n"
+
+
 def test_info(capsys):
     main(["info", "--json"])
     told = json.loads(capsys.readouterr().out)
@@ -348,6 +365,7 @@ def test_info(capsys):
     assert told["fields"]["cone"] is None
     assert "section 5.2.1" in told["about"]
     assert "scenario" not in told["about"], "the parents' text stays out"
+    assert "help(maax.WorldConfig)" in told["about"], "but it says where that is"
     assert told["action space"]["move"] == "Box(-1.0, 1.0, (4, 3), float32)"
     assert told["observation space"]["obs"].startswith("Box(-inf, inf, (4, ")
     # Parts of a flat vector are indented.

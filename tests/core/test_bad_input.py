@@ -91,6 +91,13 @@ class Spaced(Goal):
     kind = "my thing"
 
 
+class Unmade(maax.Entities):
+    kind = "unmade"
+
+    def __init__(self):
+        self.n = 1
+
+
 class Balls(maax.Entities):
     """Balls of 2 m in places of 0.4 m."""
 
@@ -118,6 +125,13 @@ CONSTRUCTION = {
         "make: Balls returned an object of 2 x 2 x 2 m",
         "takes one no larger than the extent that Balls has, 0.4 x 0.4 x 0.4 m",
     ),
+    "not made": (lambda: base(1, Unmade()), "module: Unmade was not made; takes a first line super().__init__(...)"),
+    "game with a space": (
+        lambda: maax.register("my game", lambda config: None, maax.StandardConfig),
+        "name: got 'my game'; takes a name without spaces",
+    ),
+    "number as the key of an action": (lambda: standard().sample_action(0), "key: got 0; takes a typed key"),
+    "number as the key of actions": (lambda: Worlds(standard(), 2).sample_action(0), "key: got 0; takes a typed key"),
     "whose are too many": (
         lambda: base(4, Agents(4), Boxes(400)),
         "n_boxes: got 404 objects in all (4 agents, 400 boxes)",

@@ -141,6 +141,14 @@ def test_columns_say_what_stands_in_them():
         np.testing.assert_allclose(obs["box_obs"][:, names.index(name)], values, atol=1e-6)
 
 
+@pytest.mark.parametrize("axis", ["agents", "boxs", "boxes"])
+def test_an_axis_in_the_plural_would_be_another_one(axis):
+    table = {"box_mask": Observed(("box",)), "smell": Observed((axis,)), "news": Observed(("news",))}
+    with pytest.raises(ValueError, match=f"axes: got '{axis}' for 'smell'; takes '(agent|box)', in the singular"):
+        resolved(table)
+    assert resolved({name: one for name, one in table.items() if name != "smell"})
+
+
 def test_masks_are_found_by_name():
     table = resolved({"box_obs": Observed(("box",), POSITION), "box_mask": Observed(("box",)),
                       "sees_box": Observed(("agent", "box"))})  # fmt: skip

@@ -19,6 +19,7 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog
 
 import maax_mjx as maax
 from maax_mjx import training
+from maax_mjx.training.begin import environment_of, game_fields
 from maax_mjx.training.board import Board
 
 ROOT = Path(__file__).parents[2]
@@ -430,5 +431,22 @@ def test_evaluation_has_intervals_and_finds_the_better_one(run, tmp_path):
 
 
 def test_a_mistyped_setting_is_named_before_what_is_missing(tmp_path):
-    with pytest.raises(ValueError, match=r"got 'step'"):
+    with pytest.raises(ValueError, match=r"got 'step'; did you mean 'steps'"):
         training.train("tag", tmp_path, preset="laptop", step=100)
+
+
+def test_fields_of_the_game_are_settings_as_in_a_shell(run, tmp_path):
+    """Misspelt ones are the game's to refuse, and those of the game without their group are told how they are given."""
+    with pytest.raises(ValueError, match=r"tag: got 'n_boxs'; did you mean 'n_boxes'"):
+        training.train("tag", tmp_path, steps=1, **{"env.n_boxs": 1})
+    with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment"):
+        training.train(run[1].policy.make_env(), tmp_path, steps=1, **{"env.n_boxes": 1})
+    with pytest.raises(ValueError, match=r"got 'n_boxes'.*; a field of the game is env=\{'n_boxes': \.\.\.\}"):
+        training.train("tag", tmp_path, steps=1, n_boxes=1)
+    assert environment_of("tag", training.preset("laptop"), game_fields({"env.n_boxes": 0}, None)[1]).base.horizon
+    assert game_fields({"env.n_boxes": 0, "ppo.lr": 1}, {"n_ramps": 2}) == ({"ppo.lr": 1}, {"n_ramps": 2, "n_boxes": 0})
+
+
+def test_a_run_goes_on_with_the_name_of_its_game(run):
+    with pytest.raises(ValueError, match="the folder of a run; takes the name of its game"):
+        training.train(str(run[1].folder), run[1].folder, steps=1)
