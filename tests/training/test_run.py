@@ -437,7 +437,7 @@ def test_a_mistyped_setting_is_named_before_what_is_missing(tmp_path):
 
 def test_fields_of_the_game_are_settings_as_in_a_shell(run, tmp_path):
     """Misspelt ones are the game's to refuse, and those of the game without their group are told how they are given."""
-    with pytest.raises(ValueError, match=r"tag: got 'n_boxs'; did you mean 'n_boxes'"):
+    with pytest.raises(ValueError, match=r"make\('tag'\): got 'n_boxs'; did you mean 'n_boxes'"):
         training.train("tag", tmp_path, steps=1, **{"env.n_boxs": 1})
     with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment"):
         training.train(run[1].policy.make_env(), tmp_path, steps=1, **{"env.n_boxes": 1})
