@@ -435,12 +435,12 @@ def test_a_mistyped_setting_is_named_before_what_is_missing(tmp_path):
         training.train("tag", tmp_path, preset="laptop", step=100)
 
 
-def test_fields_of_the_game_are_settings_as_in_a_shell(run, tmp_path):
+def test_fields_of_the_game_are_settings_as_in_a_shell(tmp_path):
     """Misspelt ones are the game's to refuse, and those of the game without their group are told how they are given."""
     with pytest.raises(ValueError, match=r"make\('tag'\): got 'n_boxs'; did you mean 'n_boxes'"):
         training.train("tag", tmp_path, steps=1, **{"env.n_boxs": 1})
     with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment"):
-        training.train(run[1].policy.make_env(), tmp_path, steps=1, **{"env.n_boxes": 1})
+        training.train(maax.make("tag", impl="c", n_boxes=0), tmp_path, steps=1, **{"env.n_boxes": 1})
     with pytest.raises(ValueError, match=r"got 'n_boxes'.*; a field of the game is env=\{'n_boxes': \.\.\.\}"):
         training.train("tag", tmp_path, steps=1, n_boxes=1)
     assert environment_of("tag", training.preset("laptop"), game_fields({"env.n_boxes": 0}, None)[1]).base.horizon
