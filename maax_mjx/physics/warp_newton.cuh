@@ -34,7 +34,7 @@ typedef unsigned Set;
 #define PADDED (4 * N_BLOCKS)
 #define BELOW(i) ((Set(1) << (i)) - 1)
 #define HAS(set, i) ((set) >> (i) & 1)
-// Code that is small beats loops that are unrolled: blocks are at different places of it, and share an instruction cache.
+// Loops stay loops: worlds are at different places of the code, and all of a multiprocessor share one instruction cache.
 #define ROLLED _Pragma("unroll 1")
 #define EACH(i, n) ROLLED for (int i = lane; i < (n); i += LANES)
 #define EACH_IN(i, set) ROLLED for (Set rest_##i = (set), i = 0; rest_##i && (i = FIRST(rest_##i), true); rest_##i &= rest_##i - 1)
@@ -80,7 +80,7 @@ struct World {
     // Of blocks; `own` is the group of the rows that have this block alone, or less than nothing.
     int level[N_BLOCKS], first_block[N_BLOCKS + 1], own[N_BLOCKS];
 };
-static_assert(sizeof(World) <= BYTES, "Size.shared_bytes is too little");
+static_assert(sizeof(World) <= BYTES, "Room.bytes is too little");
 #if defined(__CUDA_ARCH__)
 extern __shared__ char dynamic_smem_base[];
 World& w = *reinterpret_cast<World*>(dynamic_smem_base);

@@ -14,6 +14,7 @@ from mujoco import mjx
 
 from maax_mjx.physics import warp_newton
 from maax_mjx.physics.mjx_internals import solve_in_one_launch
+from maax_mjx.physics.warp_engine import fitted
 from maax_mjx.physics.warp_newton import MAX_DOFS, RESERVED, Room, Size
 
 HEAP = """
@@ -191,6 +192,27 @@ def test_what_it_cannot_solve_goes_to_the_solver_of_mjx(what, asked):
     mujoco.mj_step(model, states[0])
     np.testing.assert_allclose(after.qacc[0], states[0].qacc, atol=2e-3 * np.abs(states[0].qacc).max())
     assert not asked
+
+
+def test_dry_friction_is_left_out_where_no_world_has_it():
+    bit = mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+    without, with_some = mujoco.MjModel.from_xml_string(STIFF.format(jacobian="dense")), heap("dense")
+    assert fitted(without, {}).opt.disableflags & bit
+    assert not fitted(without, {"dof_frictionloss": np.arange(1)}).opt.disableflags & bit
+    assert not fitted(with_some, {}).opt.disableflags & bit
+    assert not without.opt.disableflags & bit, "the model that was given is as it was"
+    assert fitted(without, {}).opt.jacobian == mujoco.mjtJacobian.mjJAC_SPARSE
+    assert without.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
+
+
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
+def test_without_rows_of_dry_friction(jacobian, asked):
+    """The code of the solver that has none is another one."""
+    model = mujoco.MjModel.from_xml_string(HEAP.format(jacobian=jacobian, cone="pyramidal"))
+    model.dof_frictionloss[:] = 0
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+    check_against_c(model, [*random_states(model, seeds.rng(4))])
+    assert not any(size.frictions for size in asked)
 
 
 def test_shared_memory_bounds_what_fits():
