@@ -31,9 +31,15 @@ def game_fields(
     """Splits settings by dotted name into those of the training, and fields of the game with what `env` has of them.
 
     "env.n_boxes" is a field of the game, as `--env.n_boxes` is in a shell.
+
+    Raises:
+        ValueError: a field that is given both ways.
     """
     fields = {name.removeprefix(ENV): value for name, value in overrides.items() if name.startswith(ENV)}
     settings = {name: value for name, value in overrides.items() if not name.startswith(ENV)}
+    twice = sorted(fields.keys() & env.keys()) if isinstance(env, Mapping) else []
+    if twice:
+        raise ValueError(f"env: got {twice} as 'env.{twice[0]}' as well; takes a field of the game once")
     return settings, {**(env or {}), **fields} if fields and (env is None or isinstance(env, Mapping)) else env
 
 
@@ -77,7 +83,9 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
         raise ValueError(f"env: got {described(env)}; takes a dict of the game's fields, such as {{'horizon': 80}}")
     if not isinstance(game, str):
         if env:
-            raise ValueError(f"env: got {sorted(env)} with an environment; takes fields only with a name")
+            raise ValueError(
+                f"env: got {sorted(env)} with an environment; takes fields only where the game is given by its name"
+            )
         return check_environment(game)
     known = field_names(config_of(game))
     return make(game, **({name: value for name, value in config.env.items() if name in known} | dict(env or {})))

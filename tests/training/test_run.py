@@ -443,6 +443,10 @@ def test_fields_of_the_game_are_settings_as_in_a_shell(tmp_path):
         training.train(maax.make("tag", impl="c", n_boxes=0), tmp_path, steps=1, **{"env.n_boxes": 1})
     with pytest.raises(ValueError, match=r"got 'n_boxes'.*; a field of the game is env=\{'n_boxes': \.\.\.\}"):
         training.train("tag", tmp_path, steps=1, n_boxes=1)
+    with pytest.raises(
+        ValueError, match=r"env: got \['n_boxes'\] as 'env.n_boxes' as well; takes a field of the game once"
+    ):
+        training.train("tag", tmp_path, steps=1, env={"n_boxes": 1}, **{"env.n_boxes": 2})
     assert environment_of("tag", training.preset("laptop"), game_fields({"env.n_boxes": 0}, None)[1]).base.horizon
     assert game_fields({"env.n_boxes": 0, "ppo.lr": 1}, {"n_ramps": 2}) == ({"ppo.lr": 1}, {"n_ramps": 2, "n_boxes": 0})
 
