@@ -303,7 +303,9 @@ def test_other_runs_are_refused(run, tmp_path):
     with pytest.raises(ValueError, match="minutes: got None and no steps; takes one of them"):
         training.train("tag", tmp_path / "b", "laptop")
     assert not (tmp_path / "b").exists(), "a refusal leaves nothing behind"
-    with pytest.raises(ValueError, match=r"env: got \['n_boxes'\] with an environment; takes fields only with a name"):
+    with pytest.raises(
+        ValueError, match=r"env: got \['n_boxes'\] with an environment; takes fields only where the game is"
+    ):
         training.Trainer(echo(), tmp_path / "c", env={"n_boxes": 2})
     with pytest.raises(ValueError, match=r"env: got 'horizon=3'; takes a dict of the game's fields"):
         training.Trainer("tag", tmp_path / "c", env="horizon=3")
