@@ -48,7 +48,7 @@ def test_kernels_have_groups():
     assert launches.group_of(solver._zero_change_counters) == launches.SOLVER
     assert launches.group_of(solver._update_gradient_h_incremental) == launches.HESSIAN
     assert launches.group_of(solver._padding_h) == launches.FACTOR
-    size = Size(nv=4, rows=8, sparse=False, stride=4, iterations=1, ls_iterations=1, warmstart=True)
+    size = Size(nv=4, rows=8, sparse=False, stride=4, frictions=True, iterations=1, ls_iterations=1, warmstart=True)
     states = ("SATISFIED", "QUADRATIC", "LINEARNEG", "LINEARPOS", "NO_ITERATIONS_LEFT", "NO_LS_ITERATIONS_LEFT")
     for kernel in newton_kernels(size, tuple((name, i) for i, name in enumerate(states))):
         assert launches.group_of(kernel) == launches.ALL
