@@ -53,7 +53,7 @@ class Info:
     or baker; a file of keep_faults, whose last step is made again.
     """
 
-    env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
+    env: tyro.conf.Positional[game_names()] = ""  # type: ignore[valid-type]
     """A game (or one in a file, my_game.py:football), policy, preset or kept fault; without, what is installed."""
     json: bool = False
     """Whether to print the result as JSON."""

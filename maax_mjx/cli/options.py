@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import maax_mjx as maax
 from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
+from maax_mjx.common.options import number_of
 from maax_mjx.common.recorded import texts_of
 from maax_mjx.common.whole import FOLDERS
 from maax_mjx.core.env import Environment
@@ -170,6 +171,12 @@ def make_folder(path: Path) -> None:
         FOLDERS[:0] = new
     except OSError as error:
         raise ValueError(f"out: got {path}, where no folder can be made ({error.strerror}); takes another") from None
+
+
+def apart(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Splits "2,6" among the values of an option at its comma, as fields of a game's config are written."""
+    words = [part for value in values for part in str(value).split(",")]
+    return tuple(number_of(word, int) for word in words)
 
 
 def count_of(name: str, values: tuple[int, ...]) -> int | tuple[int, int]:

@@ -11,7 +11,7 @@ import jax
 import tyro
 
 import maax_mjx as maax
-from maax_mjx.cli.options import Seed, check_out, count_of, game_names, make_env, make_folder, report
+from maax_mjx.cli.options import Seed, apart, check_out, count_of, game_names, make_env, make_folder, report
 from maax_mjx.common.annotated import PositiveCount, check_fields
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.runtime import quick_on_cpu
@@ -27,6 +27,8 @@ Outer = Literal["walls", "limits", "none"]
 KINDS = (".png", ".jpg", ".pdf", ".svg")
 MOST = 500
 """Worlds in one picture."""
+COUNTS = ("n_boxes", "n_elongated_boxes", "n_ramps")
+"""Options that are a number, or two."""
 OF_GAMES = ("env", "n", "seed", "out", "json")
 """Options that games take as well."""
 
@@ -41,7 +43,7 @@ class Sheet:
     middle:FRACTION, separation:RADIUS, room:INDEX, proximity:RADIUS:OBJECT (such as proximity:1:box0).
     """
 
-    env: tyro.conf.Positional[game_names() | None] = None  # type: ignore[valid-type]
+    env: tyro.conf.Positional[game_names()] = ""  # type: ignore[valid-type]
     """Name of an environment, or a game in a file of your own, my_game.py:football."""
     scenario: tuple[str, ...] = ("empty", "half", "quad", "var_quad", "tri", "random")
     """Room scenarios; each world draws one of several."""
@@ -78,8 +80,10 @@ def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
         ValueError: an option out of its range, arguments that the modules refuse, or a game with options of worlds
             without one.
     """
+    for name in COUNTS:
+        setattr(args, name, apart(getattr(args, name)))
     check_fields(args)
-    if args.env is not None:
+    if args.env:
         for option in fields(args):
             if option.name not in OF_GAMES and getattr(args, option.name) != option.default:
                 raise ValueError(f"{option.name}: got it with {args.env}; takes it without a game")
@@ -110,7 +114,7 @@ def sheet(args: Sheet, overrides: Mapping[str, str]) -> None:
 
 def _games(args: Sheet, overrides: Mapping[str, str]) -> Iterator[tuple[str, Environment]]:
     """Yields what is drawn, with its name: a game, or the worlds of each placement."""
-    if args.env is not None:
+    if args.env:
         # Nothing is stepped; the C engine is the first to be ready.
         yield short_name(args.env), make_env(args.env, "c", overrides)
         return
@@ -125,7 +129,7 @@ def _games(args: Sheet, overrides: Mapping[str, str]) -> Iterator[tuple[str, Env
 
 
 def _title(args: Sheet, world: World, name: str) -> str:
-    parts = [args.scenario[int(world.plan.scenario)]] if args.env is None and len(args.scenario) > 1 else []
+    parts = [args.scenario[int(world.plan.scenario)]] if not args.env and len(args.scenario) > 1 else []
     parts += [name] if len(args.placement) > 1 else []
     return ", ".join(parts or [name]) + ("" if world.valid else " (invalid)")
 

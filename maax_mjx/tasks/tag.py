@@ -14,7 +14,7 @@ from maax_mjx.wrappers import AgentAgentContactMask2D, Tag, TeamMembership
 
 @dataclass(frozen=True)
 class TagConfig(GameConfig):
-    """Four players in a room with boxes and a ramp; one of them is it.
+    """Players in a room with boxes and a ramp; one of them is it.
 
     Attributes:
         teams: agents per world by team, or (low, high); with one team, everybody plays against the agent that is it.

@@ -222,8 +222,8 @@ def check_divides(config: TrainConfig, n_devices: int) -> int:
         raise ValueError(f"worlds: got {config.worlds}; takes a multiple of the number of devices, {n_devices}")
     if rows % each:
         raise ValueError(
-            f"worlds: got {config.worlds} with {ppo.minibatches} minibatches of {ppo.microbatches} microbatches on "
-            f"{n_devices} devices, into which the {rows} chunks of an iteration do not go; takes a multiple of "
+            f"worlds: got {config.worlds} with ppo.minibatches={ppo.minibatches}, ppo.microbatches={ppo.microbatches} "
+            f"and devices={n_devices}, into which the {rows} chunks of an iteration do not go; takes a multiple of "
             f"{each // gcd(each, ppo.unroll // ppo.chunk)}, or another ppo.minibatches"
         )
     per_device = config.worlds // n_devices

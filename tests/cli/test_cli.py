@@ -22,7 +22,7 @@ import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.benchmarks import BENCHMARKS
 from maax_mjx.cli import COMMANDS, main, saved
-from maax_mjx.cli.options import split_overrides, value_of
+from maax_mjx.cli.options import apart, split_overrides, value_of
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
 from maax_mjx.common.options import number_of
@@ -298,11 +298,19 @@ def test_sheet_of_worlds(tmp_path, capsys):
             "random",
             "--placement=proximity:1.5:box0",
             "--n=5",
+            "--n-boxes",
+            "2,4",
             f"--out={tmp_path}/a/b.png",
         ]
     )
     assert "5 worlds, 0 invalid" in capsys.readouterr().out
     assert np.asarray(Image.open(tmp_path / "a" / "b.png")).std() > 10
+
+
+def test_numbers_and_ranges_of_worlds_are_written_as_fields_of_games_are():
+    assert apart(("2,6",)) == apart((2, 6)) == (2, 6)
+    assert apart((3,)) == (3,)
+    assert apart(("2,x",)) == (2, "x")  # for `check_fields` to refuse
 
 
 @pytest.mark.slow
@@ -376,7 +384,7 @@ def test_info(capsys):
     assert (fields["arms"], fields["lock.soft"], fields["placement_tries"]) == (True, True, 3)
     main(["info", "tag", "--env.observations", "split"])
     printed = capsys.readouterr().out
-    assert "Four players in a room" in printed
+    assert "Players in a room" in printed
     assert "A room with boxes and ramps" not in printed
     assert "action space" in printed
 

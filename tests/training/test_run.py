@@ -283,7 +283,7 @@ def test_other_runs_are_refused(run, tmp_path):
     with pytest.raises(ValueError, match="which has other files; takes an empty one, a new one, or a run's"):
         trainer(tmp_path)
     with pytest.raises(
-        ValueError, match=r"worlds: got .* with 3 minibatches .*the 16 chunks of an iteration do not go"
+        ValueError, match=r"worlds: got .* with ppo.minibatches=3, .*the 16 chunks of an iteration do not go"
     ):
         trainer(tmp_path / "a", **{"ppo.minibatches": 3})
     with pytest.raises(
