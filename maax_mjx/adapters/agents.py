@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium import spaces
 
-from maax_mjx.common.checks import check_bool
+from maax_mjx.common.checks import array_words, check_bool, described, is_real_array
 from maax_mjx.common.observed import Observed
+from maax_mjx.common.spaces import check_action, check_kinds
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers import FlattenObservations, MaskObservations, SplitObservations
@@ -113,6 +114,41 @@ class PerAgent:
             parts[name] = taken[..., 0] if part.shape == () else taken
             at += width
         return parts
+
+    def check(self, chosen: Any, lead: tuple[int, ...], argument: str) -> None:
+        """Refuses what is no action of agents by its shape or dtype.
+
+        Args:
+            chosen: an array (*lead, k), or a dict of such arrays, as the agents' action space has them.
+            lead: the leading axes.
+            argument: what it was passed as, for messages.
+
+        Raises:
+            ValueError: another shape or dtype.
+        """
+        space = self.action_space
+        if isinstance(space, spaces.Dict):
+            check_kinds(space, chosen, lead, argument)
+            return
+        takes = (*lead, *(space.shape or ()))
+        if not is_real_array(chosen):
+            got = described(chosen) if not hasattr(chosen, "dtype") else array_words(chosen)
+            raise ValueError(f"{argument}: got {got}; takes an array {takes}")
+        if jnp.shape(chosen) != takes:
+            raise ValueError(f"{argument}: got shape {jnp.shape(chosen)}; takes an array {takes}")
+        if isinstance(space, spaces.MultiDiscrete) and not jnp.issubdtype(chosen.dtype, jnp.integer):
+            raise ValueError(f"{argument}: got {chosen.dtype}; takes whole numbers, the choices from 0 on")
+
+    def check_one(self, chosen: Any, argument: str) -> Any:
+        """Returns what one agent chose as arrays; lists and numbers may be given.
+
+        Raises:
+            ValueError: no action of one agent; the message says what is.
+        """
+        chosen = jax.tree.map(np.asarray, dict(chosen)) if isinstance(chosen, Mapping) else np.asarray(chosen)
+        self.check(chosen, (), argument)
+        check_action(spaces.Dict(self.parts), jax.tree.map(np.asarray, self.action(chosen)), (), argument)
+        return chosen
 
     @property
     def idle(self) -> Any:

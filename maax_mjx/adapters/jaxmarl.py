@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import prod
 from typing import Any
 
@@ -10,8 +11,9 @@ import jax.numpy as jnp
 from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent, choices_of
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, described, is_traced
 from maax_mjx.common.errors import MissingLibraryError, brought_by
+from maax_mjx.common.keys import new_key
 from maax_mjx.core.env import Environment
 
 MOST = 10_000
@@ -80,9 +82,7 @@ def jaxmarl(env: Environment) -> Any:
             return self.action_spaces[check_choice("agent", agent, self.agents)]
 
         def reset(self, key: jax.Array) -> tuple[dict[str, jax.Array], Any]:
-            # Keys are of the old kind there.
-            key = key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
-            state = self.env.reset(key)
+            state = self.env.reset(new_key(key))  # keys are of the old kind there
             return self.get_obs(state), state
 
         def step(
@@ -96,10 +96,22 @@ def jaxmarl(env: Environment) -> Any:
         def step_env(
             self, key: jax.Array, state: Any, actions: dict[str, jax.Array]
         ) -> tuple[dict[str, jax.Array], Any, dict[str, jax.Array], dict[str, jax.Array], dict[str, Any]]:
+            if not isinstance(actions, Mapping):
+                raise ValueError(f"actions: got {described(actions)}; takes a dict with one of each of {self.agents}")
             if set(actions) != set(self.agents):
                 raise ValueError(f"actions: got those of {sorted(actions)}; takes one of each of {self.agents}")
-            chosen = jnp.stack([jnp.asarray(actions[agent]) for agent in self.agents])
+            each = {agent: jnp.asarray(actions[agent]) for agent in self.agents}
+            shape = (space.shape or ()) if choices is None else ()
+            for agent, action in each.items():
+                if action.shape != shape:
+                    raise ValueError(f"actions: got shape {action.shape} of {agent}; takes {shape}")
+            chosen = jnp.stack([*each.values()])
             if choices is not None:
+                most = prod(choices) - 1
+                if not jnp.issubdtype(chosen.dtype, jnp.integer):
+                    raise ValueError(f"actions: got {chosen.dtype}; takes whole numbers from 0 to {most}")
+                if not is_traced(chosen) and ((chosen < 0) | (chosen > most)).any():
+                    raise ValueError(f"actions: got {chosen.tolist()}; takes whole numbers from 0 to {most}")
                 parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(choices))
                 chosen = jnp.stack(parts, axis=-1).reshape(-1, *space.shape)  # type: ignore[misc]
             after = self.env.step(state, of.action(chosen))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any
 
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_choice, check_count
+from maax_mjx.common.checks import check_choice, check_count, described
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.core.env import Environment
 from maax_mjx.viewer import render
@@ -78,12 +79,18 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
 
         def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
             if not self.agents:
-                raise ValueError("step: got an episode that has ended; takes one that reset begins")
+                got = "no world yet" if self._state is None else "an episode that has ended"
+                raise ValueError(f"step: got {got}; takes one that reset begins")
+            if not isinstance(actions, Mapping):
+                raise ValueError(f"actions: got {described(actions)}; takes a dict with the action of every agent")
             if missing := [agent for agent in self.agents if agent not in actions]:
                 raise ValueError(f"actions: got none of {missing}; takes one of every agent in `agents`")
             if unknown := [agent for agent in actions if agent not in self._slots]:
                 raise ValueError(f"actions: got {unknown}; takes those of {self.possible_agents}")
-            chosen = [actions.get(name, self._of.idle) for name in self.possible_agents]
+            chosen = [
+                self._of.check_one(actions[name], f"actions[{name!r}]") if name in actions else self._of.idle
+                for name in self.possible_agents
+            ]
             self._state = self._of.env.step(
                 self._state, self._of.action(jax.tree.map(lambda *x: jnp.stack(x), *chosen))
             )
@@ -96,6 +103,8 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
             return observed, rewards, dict.fromkeys(here, ended), dict.fromkeys(here, cut), infos
 
         def render(self) -> np.ndarray:
+            if self._state is None:
+                raise ValueError("render: got no world yet; takes one that reset begins")
             return render(env, self._state)
 
         def close(self) -> None:

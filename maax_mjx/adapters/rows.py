@@ -7,11 +7,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_choice, check_count, described
-from maax_mjx.common.spaces import check_shapes
+from maax_mjx.common.checks import check_choice, check_count
 from maax_mjx.parallel import Worlds
 from maax_mjx.parallel.policy import forgotten
 from maax_mjx.training import player_of
@@ -116,21 +114,12 @@ class Rows:
         """
         if self._states is None:
             raise ValueError("step: got no worlds yet; takes those that reset draws")
-        self._check(chosen)
+        self.of.check(chosen, (self.n_rows,), "actions")  # `Worlds.step` checks the numbers
         self._key, key = jax.random.split(self._key)
         params = () if self._other is None else self._other.params
         action, self._memory = self._decide(self._states, chosen, key, self._memory, params)
         self._states = self.worlds.step(self._states, action)
         return self._shown(self._states)
-
-    def _check(self, chosen: Any) -> None:
-        """Refuses other shapes; `Worlds.step` checks the numbers."""
-        space, lead = self.of.action_space, (self.n_rows,)
-        if isinstance(space, spaces.Dict):
-            check_shapes(space, chosen, lead, "actions")
-        elif np.shape(chosen) != (takes := (*lead, *(space.shape or ()))):
-            got = f"shape {np.shape(chosen)}" if hasattr(chosen, "shape") else described(chosen)
-            raise ValueError(f"actions: got {got}; takes an array {takes}")
 
     def _all_actions(self, states: Any, chosen: Any, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
         n, mine = self.worlds.n_worlds, len(self._slots)

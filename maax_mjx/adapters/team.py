@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent
 from maax_mjx.common.checks import check_choice
+from maax_mjx.common.keys import new_key
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.training import player_of
@@ -70,8 +71,7 @@ class OneTeam:
         Args:
             key: of the old kind or the new.
         """
-        key = key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
-        world_key, play_key = jax.random.split(key)
+        world_key, play_key = jax.random.split(new_key(key))
         memory = () if self._other is None else jax.tree.map(lambda x: x[0], self._other.memory(1))
         return Inside(self.env.reset(world_key), memory, play_key)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -44,15 +45,16 @@ class TorchAgents:
         Args:
             actions: a tensor (n_rows, ...), or a dict of them, as `action_space` has them.
         """
-        return self._tensors(self._rows.step(jax.tree.map(self._array, actions)))
+        is_dict = isinstance(actions, Mapping)
+        given = {name: self._array(x) for name, x in actions.items()} if is_dict else self._array(actions)
+        return self._tensors(self._rows.step(given))
 
     def _array(self, tensor: Any) -> jax.Array:
         if not isinstance(tensor, self._torch.Tensor):
             raise ValueError(f"actions: got {described(tensor)}; takes a tensor on {self.device}, where the worlds are")
-        if tensor.device != self.device:
-            raise ValueError(
-                f"actions: got a tensor on {tensor.device}; takes one on {self.device}, where the worlds are"
-            )
+        if tensor.device != self.device or tensor.layout != self._torch.strided:
+            kind = "" if tensor.layout == self._torch.strided else f"{tensor.layout} "
+            raise ValueError(f"actions: got a {kind}tensor on {tensor.device}; takes a dense one on {self.device}")
         # DLPack takes no tensors with gradients; JAX has no integers of 64 bits.
         tensor = tensor.detach().contiguous()
         return jnp.from_dlpack(tensor.int() if tensor.dtype == self._torch.int64 else tensor)

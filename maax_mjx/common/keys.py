@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.checks import described
+
 
 def named_key(key: jax.Array, name: str) -> jax.Array:
     """Returns the key of a name: draws by one name do not change those by another."""
@@ -61,6 +63,19 @@ def draw_one(key: jax.Array, step: jax.Array, among: jax.Array) -> jax.Array:
 
 def _is_key(x: Any) -> bool:
     return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jax.dtypes.prng_key)
+
+
+def new_key(key: Any) -> jax.Array:
+    """Returns a key of the new kind, of one of either kind.
+
+    Raises:
+        ValueError: no key.
+    """
+    if _is_key(key):
+        return key
+    if not (hasattr(key, "dtype") and key.dtype == jnp.uint32):
+        raise ValueError(f"key: got {described(key)}; takes a key, such as jax.random.key(0) or jax.random.PRNGKey(0)")
+    return jax.random.wrap_key_data(key)
 
 
 def keyless(tree: Any) -> Any:

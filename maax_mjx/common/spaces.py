@@ -63,12 +63,8 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), ar
     Raises:
         ValueError: a wrong action; the message names its part.
     """
-    check_shapes(space, action, lead, argument)
+    check_kinds(space, action, lead, argument)
     for name, sub in space.spaces.items():
-        whole = isinstance(sub, spaces.MultiDiscrete)
-        dtype = jnp.result_type(action[name])
-        if whole and not jnp.issubdtype(dtype, jnp.integer):
-            raise ValueError(f"{argument}: {name!r} holds {dtype}; takes whole numbers, the bins from 0 on")
         for part in [] if is_traced(action[name]) else _on_host(action[name]):
             if np.isnan(part).any():
                 raise ValueError(f"{argument}: {name!r} holds NaN; takes {_takes(sub)}")
@@ -76,8 +72,8 @@ def check_action(space: spaces.Dict, action: Any, lead: tuple[int, ...] = (), ar
                 raise ValueError(f"{argument}: {name!r} holds {part.min():g} to {part.max():g}; takes {_takes(sub)}")
 
 
-def check_shapes(space: spaces.Dict, action: Any, lead: tuple[int, ...], argument: str) -> None:
-    """Refuses an action whose names or shapes differ from the space's; the arguments are those of `check_action`.
+def check_kinds(space: spaces.Dict, action: Any, lead: tuple[int, ...], argument: str) -> None:
+    """Refuses an action whose names, shapes or dtypes differ from the space's; arguments as of `check_action`.
 
     Raises:
         ValueError: a wrong action; the message names its part.
@@ -93,6 +89,9 @@ def check_shapes(space: spaces.Dict, action: Any, lead: tuple[int, ...], argumen
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"{argument}: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
+        if isinstance(sub, spaces.MultiDiscrete) and not jnp.issubdtype(jnp.result_type(action[name]), jnp.integer):
+            kind = jnp.result_type(action[name])
+            raise ValueError(f"{argument}: {name!r} holds {kind}; takes whole numbers, the bins from 0 on")
 
 
 def _most(space: spaces.Space) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from maax_mjx.common.checks import suggestion
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import plain
 from maax_mjx.parallel.episodes import WorldsState
@@ -34,7 +35,8 @@ def check_keep(keep: Any) -> tuple[str, ...]:
         )
     for name in keep:
         if name.split(".")[0] not in PARTS:
-            raise ValueError(f"keep: got {name!r}; takes names that begin with one of {', '.join(PARTS)}")
+            hint = suggestion(name.split(".")[0], PARTS)
+            raise ValueError(f"keep: got {name!r}{hint}; takes names that begin with one of {', '.join(PARTS)}")
     return tuple(keep)
 
 

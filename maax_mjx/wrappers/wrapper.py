@@ -266,7 +266,10 @@ class RewardWrapper(Wrapper):
     """Changes rewards: implement `reward`."""
 
     def reward(self, state: State) -> jax.Array:
-        """Returns (n_agents,) rewards of a state after a step, whose `reward` is the inner environment's."""
+        """Returns (n_agents,) rewards of a state after a step, whose `reward` is the inner environment's.
+
+        Whole numbers and booleans count as floats.
+        """
         raise NotImplementedError
 
     def transition(self, state: State, action: Any) -> State:
@@ -278,7 +281,7 @@ class RewardWrapper(Wrapper):
                 f"reward: {type(self).__name__} returned {got}; takes an array {(self.n_agents,)}, one number for each "
                 "agent"
             )
-        return state.replace(reward=reward)
+        return state.replace(reward=jnp.asarray(reward, jnp.float32))
 
 
 IMPLEMENTED: tuple[tuple[type[Wrapper], str, tuple[str, ...]], ...] = (

@@ -92,8 +92,6 @@ def test_pettingzoos_own_checkers(env):
 def test_pettingzoo_has_who_is_in_play_and_what_the_environment_says(env):
     pytest.importorskip("pettingzoo")
     world = adapters.pettingzoo(env, seed=seeds.seed(0))
-    with pytest.raises(ValueError, match="step: got an episode that has ended"):
-        world.step({})
     absent = []
     for _ in range(12):
         observed, infos = world.reset()
@@ -117,6 +115,8 @@ def test_pettingzoo_has_who_is_in_play_and_what_the_environment_says(env):
         assert set(truncated.values()) == {i == HORIZON - 1}
         assert set(terminated.values()) == {False}
     assert world.agents == []
+    with pytest.raises(ValueError, match="step: got an episode that has ended"):
+        world.step({})
 
 
 @pytest.mark.slow
@@ -268,11 +268,47 @@ def test_seeds_and_actions_that_are_none_are_refused(env, worlds):
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"actions: got None; takes what action_space\.sample"):
         envs.step(None)
+    for wrong in ([[0, 1], [0]], "x"):
+        with pytest.raises(ValueError, match=r"actions: got (list|'x'); takes what action_space\.sample"):
+            envs.step(wrong)
     world.reset(seed=0)
     with pytest.raises(ValueError, match=r"actions: got \['bob'\]; takes those of"):
         world.step({agent: world.action_space(agent).sample() for agent in world.agents} | {"bob": 0})
     with pytest.raises(ValueError, match="agent: got 'bob'"):
         world.action_space("bob")
+
+
+def test_actions_of_one_agent_that_are_none_are_refused(env):
+    world = adapters.pettingzoo(env)
+    with pytest.raises(ValueError, match="step: got no world yet; takes one that reset begins"):
+        world.step({})
+    with pytest.raises(ValueError, match="render: got no world yet"):
+        world.render()
+    world.reset(seed=seeds.seed(0))
+    whole = {agent: world.action_space(agent).sample() for agent in world.agents}
+    first = world.agents[0]
+    named = rf"actions\['{first}'\]: "
+    for wrong, said in (
+        (None, named + r"got object\[\]; takes an array \(5,\)"),
+        ([1, 1, 5, 5], named + r"got shape \(4,\)"),
+        ([0.0, 0.0, 5.0, 5.0, 5.0], named + "got float64; takes whole numbers"),
+        ([0, 0, 11, 5, 5], named + "'move' holds 5 to 11; takes whole numbers from 0 to 10"),
+        ({"move": [5, 5, 5]}, named + r"got dict; takes an array \(5,\)"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            world.step(whole | {first: wrong})
+    with pytest.raises(ValueError, match="actions: got list; takes a dict with the action of every agent"):
+        world.step([*whole.values()])
+    world.step({agent: action.tolist() for agent, action in whole.items()})  # lists are numbers as well
+
+
+def test_actions_of_rows_are_whole_numbers_where_there_are_choices(worlds):
+    envs = adapters.gymnasium_vector(worlds, team="seekers", policy="random")
+    envs.reset(seed=seeds.seed(0))
+    actions = envs.action_space.sample()
+    for wrong, said in ((actions + 0.5, "float64|float32"), (actions > 1, "bool")):
+        with pytest.raises(ValueError, match=rf"actions: got ({said}); takes whole numbers"):
+            envs.step(wrong)
 
 
 def test_worlds_of_pmap_are_refused(env):
@@ -347,6 +383,16 @@ def test_jaxmarls_interface(jaxmarl):
     wanted = jax.jit(game.env.step)(state, {"move": jnp.asarray(bins)})
     with pytest.raises(ValueError, match=r"actions: got those of \['player_0'\]; takes one of each of"):
         game.step(jax.random.PRNGKey(0), state, {"player_0": chosen["player_0"]})
+    with pytest.raises(ValueError, match=r"actions: got ArrayImpl; takes a dict with one of each of"):
+        game.step(jax.random.PRNGKey(0), state, jnp.zeros(4, int))
+    with pytest.raises(ValueError, match=r"actions: got \[27, .*; takes whole numbers from 0 to 26"):
+        game.step(jax.random.PRNGKey(0), state, chosen | {"player_0": jnp.asarray(27)})
+    with pytest.raises(ValueError, match="actions: got float32; takes whole numbers from 0 to 26"):
+        game.step(jax.random.PRNGKey(0), state, dict.fromkeys(game.agents, jnp.asarray(2.7)))
+    with pytest.raises(ValueError, match=r"actions: got shape \(3,\) of player_0; takes \(\)"):
+        game.step(jax.random.PRNGKey(0), state, chosen | {"player_0": jnp.zeros(3, int)})
+    with pytest.raises(ValueError, match=r"key: got 0; takes a key, such as"):
+        game.reset(0)
     for i in range(3):
         obs, state, reward, done, _ = step(jax.random.PRNGKey(i), state, chosen)
         if i == 0:
@@ -403,3 +449,9 @@ def test_tensors_are_the_arrays(worlds):
     assert library.equal(again, kept), "what was given before is not written over"
     with pytest.raises(ValueError, match=r"actions: got .*; takes a tensor on cpu"):
         agents.step(envs.action_space.sample())
+    with pytest.raises(ValueError, match=r"actions: got list; takes a tensor on cpu"):
+        agents.step(envs.action_space.sample().tolist())
+    with pytest.raises(ValueError, match=r"got a torch.sparse_coo tensor on cpu; takes a dense one"):
+        agents.step(library.as_tensor(envs.action_space.sample()).to_sparse())
+    with pytest.raises(ValueError, match=r"actions: got float32; takes whole numbers"):
+        agents.step(library.as_tensor(envs.action_space.sample()).float())

@@ -264,6 +264,21 @@ class OneReward(maax.RewardWrapper):
         return state.reward.sum()
 
 
+class Counts(maax.RewardWrapper):
+    def reward(self, state):
+        return jnp.where(state.reward > 0, 1, 0)
+
+
+def test_rewards_that_are_whole_numbers_count_as_floats():
+    """A loop over steps keeps the types of what it began with."""
+    env = Counts(maax.make("tag", impl="c", n_boxes=0, n_ramps=0, scenario="empty"))
+
+    def plays(key):
+        return env.step(env.reset(key), env.sample_action(key))
+
+    assert jax.eval_shape(plays, seeds.key(0)).reward.dtype == jnp.float32
+
+
 class FewActions(maax.ActionWrapper):
     def action(self, state, action):
         return {"move": action["move"][:2]}

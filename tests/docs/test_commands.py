@@ -34,7 +34,7 @@ def player(word):
 def look(args, fields=()):
     """Takes the place of a command's work: refuses the game, fields, settings and players that there are not."""
     check_fields(args)
-    game, fields = getattr(args, "game", getattr(args, "env", None)), dict(fields)
+    game, fields = getattr(args, "game", getattr(args, "env", "")), dict(fields)
     for option in ("policy", "opponents", "begin_from"):
         given = getattr(args, option, None)
         found = None if given is None else player(str(given))
@@ -47,7 +47,7 @@ def look(args, fields=()):
         parse_placement(placement)
     if isinstance(args, Train):
         preset(args.preset or "gpu", {name: value_of(text) for name, text in args.settings.items()})
-    if game is None or game in PRESETS or game.startswith("runs/") or "/" in game:
+    if not game or game in PRESETS or game.startswith("runs/") or "/" in game:
         assert not fields
         return
     config = config_with(game, "c", fields)

@@ -107,7 +107,7 @@ def test_arguments_may_change_without_compiling(worlds, start, rolled, caplog):
 MISTAKES = {
     "unknown": (
         dict(keep=("rewards",)),
-        "keep: got 'rewards'; takes names that begin with one of obs, active, can_act, action",
+        "keep: got 'rewards' (did you mean 'reward'?); takes names that begin with one of obs, active, can_act, action",
     ),
     "text": (dict(keep="reward"), "keep: got 'reward'; takes a tuple"),
     "inner": (
