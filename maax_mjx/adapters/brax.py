@@ -19,10 +19,11 @@ def brax(env: Environment, team: str | None = None, policy: Any = None) -> Any:
 
     Example:
         ```python
-        from brax.training.agents.ppo import train as ppo
+        from brax.envs.wrappers.training import wrap
 
-        seekers = adapters.brax(env, "seekers", policy="random")
-        ppo.train(seekers, num_timesteps=1_000_000, episode_length=env.base.horizon)
+        batch = wrap(adapters.brax(env, "seekers", policy="random"), episode_length=env.base.horizon)
+        state = jax.jit(batch.reset)(jax.random.split(jax.random.PRNGKey(0), 8))
+        state = jax.jit(batch.step)(state, jnp.zeros((8, batch.action_size)))
         ```
 
     Args:

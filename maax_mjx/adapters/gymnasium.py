@@ -82,7 +82,8 @@ def gymnasium_vector(
         ```
 
     Args:
-        worlds: the batch; its environment's agents observe for themselves, see `PerAgent`.
+        worlds: the batch; its environment's agents observe for themselves: with `SplitObservations`, as games with
+            `observations="ego"`, or flat.
         team: name of the team; None is all agents.
         policy: who plays the others: a `training.Policy`, a file, the folder of a run, the name of one that comes with
             the package, or a scripted one such as "random" and "chase".

@@ -32,7 +32,9 @@ def pettingzoo(env: Environment, *, flat: bool = True, seed: int = 0) -> Any:
         ```
 
     Args:
-        env: an environment whose agents observe for themselves; see `PerAgent`, also for spaces.
+        env: an environment whose agents observe for themselves: with `SplitObservations`, as games with
+            `observations="ego"`, or flat. Bins, locks and grabs are one `MultiDiscrete`, in the order of their names;
+            numbers and choices together are a dict.
         flat: whether an agent observes one vector, or a dict of arrays.
         seed: of the episodes before the first `reset(seed=...)`.
 

@@ -5,10 +5,27 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from maax_mjx.adapters.gymnasium import gymnasium_vector
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.parallel import Worlds
+
+
+def with_axes(space: spaces.Space) -> spaces.Space:
+    """Returns the space of what an agent observes, in which numbers are vectors of one: networks take no others."""
+    if isinstance(space, spaces.Dict):
+        return spaces.Dict({name: with_axes(part) for name, part in space.spaces.items()})
+    if isinstance(space, spaces.Box) and space.shape == ():
+        return spaces.Box(space.low.reshape(1), space.high.reshape(1), (1,), space.dtype.type)
+    return space
+
+
+def seen(obs: Any, *lead: int) -> Any:
+    """Returns observations with the leading axes `lead` in the space of `with_axes`."""
+    if isinstance(obs, dict):
+        return {name: seen(x, *lead) for name, x in obs.items()}
+    return np.reshape(obs, (*lead, 1)) if np.shape(obs) == lead else obs
 
 
 def stable_baselines3(
@@ -47,7 +64,7 @@ def stable_baselines3(
         render_mode = None
 
         def __init__(self) -> None:
-            super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+            super().__init__(envs.num_envs, with_axes(envs.single_observation_space), envs.single_action_space)
             self._actions: Any = None
 
         def reset(self) -> Any:
@@ -55,9 +72,8 @@ def stable_baselines3(
             self._reset_seeds()
             if any(self._options):
                 raise ValueError(f"options: got {self._options}; takes none")
-            return envs.reset(
-                seed=seeds[0] if seeds else None, options={"stagger": worlds.env.base.horizon is not None}
-            )[0]
+            stagger = worlds.env.base.horizon is not None
+            return seen(envs.reset(seed=seeds[0] if seeds else None, options={"stagger": stagger})[0], envs.num_envs)
 
         def step_async(self, actions: np.ndarray) -> None:
             self._actions = actions
@@ -69,11 +85,11 @@ def stable_baselines3(
                 episode = {"r": float(found["final_info"]["episode_return"][i])}
                 episode |= {"l": int(found["final_info"]["episode_length"][i]), "t": 0.0}
                 infos[i] |= {
-                    "terminal_observation": found["final_obs"][i],
+                    "terminal_observation": seen(found["final_obs"][i]),
                     "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                     "episode": episode,
                 }
-            return obs, rewards, terminated | truncated, infos
+            return seen(obs, envs.num_envs), rewards, terminated | truncated, infos
 
         def close(self) -> None:
             pass

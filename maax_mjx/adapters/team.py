@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.common.checks import check_choice
+from maax_mjx.common.checks import check_choice, described, is_real_array, is_traced
 from maax_mjx.common.keys import new_key
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -80,7 +80,8 @@ class OneTeam:
 
         Args:
             inside: the world.
-            vector: (action_size,); what is beyond [-1, 1] counts as its end.
+            vector: (action_size,); what is beyond [-1, 1] counts as its end. NaN is refused, in compiled code it is a
+                force that is a physics fault, and of choices the middle bin, no lock and no grab.
         """
         mine = self.action(vector)
         key, play_key = jax.random.split(inside.key)
@@ -94,8 +95,13 @@ class OneTeam:
         """Returns what the team's agents decide by a vector, (n_team, ...) by name.
 
         Raises:
-            ValueError: a vector of another length.
+            ValueError: a vector of another length, or outside compiled code one with NaN.
         """
+        vector = jnp.asarray(vector) if isinstance(vector, list | tuple) else vector
+        if not is_real_array(vector):
+            raise ValueError(f"action: got {described(vector)}; takes an array {(self.action_size,)}")
+        if not is_traced(vector) and np.isnan(vector).any():
+            raise ValueError("action: got NaN; takes numbers in [-1, 1]")
         if jnp.shape(vector) != (self.action_size,):
             raise ValueError(f"action: got shape {jnp.shape(vector)}; takes {(self.action_size,)}, in one world")
         rows, at, found = jnp.clip(vector, -1, 1).reshape(len(self._slots), -1), 0, {}
@@ -105,7 +111,7 @@ class OneTeam:
             if isinstance(part, spaces.Box):
                 found[name] = numbers * part.high.max()
             elif isinstance(part, spaces.MultiDiscrete):
-                found[name] = to_bins(numbers, int(part.nvec.flat[0]))
+                found[name] = to_bins(jnp.nan_to_num(numbers), int(part.nvec.flat[0]))
             else:
                 found[name] = (numbers > 0).astype(jnp.int8)
         return found

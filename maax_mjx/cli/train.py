@@ -56,7 +56,7 @@ class Train:
     minutes: Positive | None = None
     """Minutes of training in this call, compilation not included; 10 without --steps."""
     steps: PositiveCount | None = None
-    """Env steps of the whole run."""
+    """Env steps of the whole run, which ends with the iteration that reaches them."""
     out: Path | None = None
     """Folder of the run; by default runs/ and the name of the game."""
     seed: Seed = 0

@@ -44,6 +44,7 @@ class DomainParams(Mapping[str, jax.Array]):
 
     Example:
         ```python
+        env = maax.make("hide_and_seek", n_boxes=(1, 4))  # at most four, for which there is room
         params = env.default_params.replace(n_boxes=(2, 4))
         state = env.reset(key, params)
         ```

@@ -93,6 +93,8 @@ def check_policy(policy: Any, with_memory: bool, args: tuple[Any, ...]) -> None:
     """
     called = ("state", "key", *(("memory",) if with_memory else ()), *(f"args[{i}]" for i in range(len(args))))
     if not callable(policy):
+        if callable(getattr(policy, "policy", None)):
+            raise ValueError(f"policy: got {described(policy)}; takes its policy, run.policy")
         known = "training.Policy.load(name) or training.SCRIPTED[name]"
         trained = f", or a player: {known}" if isinstance(policy, str) else ""
         raise ValueError(f"policy: got {described(policy)}; takes a function of ({', '.join(called)}){trained}")

@@ -21,12 +21,6 @@ ADVANCED = ("time", "qpos", "qvel", "qacc_warmstart")
 INPUTS = (*STATE, "eq_active")
 """Fields of `Data` that a step reads."""
 MAX_SIZES = 8
-WILD, WILD_MEAN = 40.0, 20.0
-"""Metres or radians per second at the end of a step, and in its mean, that hardly anything reaches unless a solver
-diverges: agents reach 10 and 10."""
-AGAIN = 8
-"""Worlds that are stepped again together."""
-CG_ITERATIONS = 300
 Rows = dict[str, np.ndarray]
 """Arrays (n_worlds, size) by name."""
 
@@ -35,10 +29,6 @@ FULL_WARNINGS = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarnin
 
 class HostStepper:
     """Steps any number of worlds of a model in float64 on all cores.
-
-    MuJoCo's Newton solver factorises once and then updates, and in a jam of many boxes with small frictions as Baker
-    et al. have them it can diverge, whatever its iterations: a body leaves at 1,000 rad/s. Worlds with wild speeds
-    are stepped again by conjugate gradients, which find the right answer there.
 
     Args:
         model: the compiled model; kept unchanged.
@@ -53,16 +43,10 @@ class HostStepper:
         # Borrowed for a call, so that no Batch serves two threads at once. Not thread-local: XLA's threads drop their
         # Python state after every call, and the batch with it.
         self._idle: defaultdict[int, deque[_HostBatch]] = defaultdict(deque)
-        self._far = WILD_MEAN * model.opt.timestep
-        self._careful_model = copy.copy(self.model)
-        self._careful_model.opt.solver = int(mujoco.mjtSolver.mjSOL_CG)
-        self._careful_model.opt.iterations = CG_ITERATIONS
-        self._careful: deque[_HostBatch] = deque()
 
     def forget(self) -> None:
         """Frees the memory of batches, which are made again when they are needed."""
         self._idle.clear()
-        self._careful.clear()
 
     def called(self, n: int, out: list[np.ndarray], args: list[np.ndarray]) -> None:
         """Host side of `step`, of as many worlds as the arrays have rows: fills `out`; `n` are the physics steps."""
@@ -74,36 +58,8 @@ class HostStepper:
         results, ends = rows((*ADVANCED, "engine", "full"), out), len(INPUTS)
         state, fields = rows(INPUTS, args[:ends]), rows(self.field_names, args[ends:-1])
         host = self._borrow(n_worlds)
-        given = results, state, fields, args[-1].reshape(n_worlds, -1)
-        host.step(*given, n)
+        host.step(results, state, fields, args[-1].reshape(n_worlds, -1), n)
         self._idle[n_worlds].append(host)
-        wild = self._wild(results, state, n)
-        if wild.size:
-            self._step_again(wild, *given, n)
-
-    def _wild(self, out: Rows, state: Rows, n_frames: int) -> np.ndarray:
-        """The rows with wild speeds, or with NaN."""
-        speed, way, far = out["qvel"], out["qpos"] - state["qpos"], self._far * n_frames
-        # Of the whole batch first: that takes a tenth of the time.
-        if speed.min() > -WILD and speed.max() < WILD and -far < way.min() and way.max() < far:
-            return np.zeros(0, int)
-        return np.flatnonzero(~((np.abs(speed) < WILD).all(axis=1) & (np.abs(way) < far).all(axis=1)))
-
-    def _step_again(self, wild: np.ndarray, out: Rows, state: Rows, fields: Rows, rest: np.ndarray, n: int) -> None:
-        """Replaces the results of some worlds by those of the careful solver."""
-        try:
-            host = self._careful.pop()
-        except IndexError:
-            host = _HostBatch(self._careful_model, self.overlay, AGAIN)
-        for start in range(0, len(wild), AGAIN):
-            ids = wild[start : start + AGAIN]
-            filled = np.resize(ids, AGAIN)
-            new = {name: values[filled] for name, values in out.items()}
-            before, rows = ({name: values[filled] for name, values in part.items()} for part in (state, fields))
-            host.step(new, before, rows, rest[filled], n)
-            for name, values in new.items():
-                out[name][ids] = values[: len(ids)]
-        self._careful.append(host)
 
     def _borrow(self, n_worlds: int) -> _HostBatch:
         try:
@@ -128,10 +84,12 @@ def number_of(model: mujoco.MjModel, overlay: Overlay) -> int:
 def _unseen(model: mujoco.MjModel) -> mujoco.MjModel:
     """Returns a copy with what batches need: autoreset would put a diverged world back to qpos0 unseen.
 
-    The midphase reads bounding volumes of walls that are overlaid, and those of the world body cannot be.
+    The midphase reads bounding volumes of walls that are overlaid, and those of the world body cannot be. MuJoCo 4.0's
+    Newton solver diverges with sparse matrices, which it takes by itself from 60 degrees of freedom on (docs/upstream).
     """
     model, disable = copy.copy(model), mujoco.mjtDisableBit
     model.opt.disableflags |= int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_MIDPHASE)
+    model.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     return model
 
 

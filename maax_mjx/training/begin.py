@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -77,7 +78,8 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     """
     if isinstance(game, str) and (Path(game) / RUN).exists():
         raise ValueError(
-            f"game: got {game!r}, the folder of a run; takes the name of its game, with this as its folder"
+            f"game: got {game!r}, the folder of a run; takes the name of its game, with this as its "
+            "folder and its settings (env, worlds, ...) again; `maax-mjx train` takes a run's folder as it is"
         )
     if env is not None and not isinstance(env, Mapping):
         raise ValueError(f"env: got {described(env)}; takes a dict of the game's fields, such as {{'horizon': 80}}")
@@ -149,6 +151,26 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
                 f"folder: got {folder.path}, which has a run with {_other(other, was.get(other), about[other])}; takes "
                 "that run's, or another folder (--out)"
             )
+
+
+def check_begun(folder: Folder, begun_from: Mapping[str, Any] | None) -> None:
+    """Refuses a policy to begin with for a run that began with another one, or with none.
+
+    Args:
+        folder: of the run.
+        begun_from: what is to be known of the policy; None if there is none.
+
+    Raises:
+        ValueError: another policy.
+    """
+    was = folder.about().get("begun_from")
+    if begun_from is None or was == json.loads(json.dumps(begun_from)):
+        return
+    other = f"one of {was['steps']:,} steps" if was else "none"
+    raise ValueError(
+        f"begin_from (--from): got a policy of {begun_from['steps']:,} steps for {folder.path}, whose run began with "
+        f"{other}; takes a new folder, or leave it out to go on"
+    )
 
 
 def changed_settings(was: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

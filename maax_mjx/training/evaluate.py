@@ -166,7 +166,8 @@ def evaluate(
     all, and the opponent plays the same worlds without it.
 
     Args:
-        policy: the policy, or the name of a scripted one.
+        policy: the policy, its file, the folder of a run, or the name of a scripted one or of one of
+            `training.policies()`.
         against: opponents: "self", scripted ones by their names in `training.SCRIPTED`, policies, files of them, names
             of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
         episodes: episodes of every match, each in a world of its own.
@@ -227,6 +228,8 @@ def player_of(argument: str, given: Any) -> TrainedPolicy | Scripted:
         return SCRIPTED[given]
     if isinstance(given, TrainedPolicy | Scripted):
         return given
+    if isinstance(getattr(given, "policy", None), TrainedPolicy):
+        raise ValueError(f"{argument}: got {described(given)}; takes its policy, run.policy")
     if not isinstance(given, str | Path) or not str(given):
         raise ValueError(f"{argument}: got {described(given)}; {_takes_players(argument)}")
     text, at, steps = str(given).rpartition("@")

@@ -23,6 +23,7 @@ from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.begin import (
     changed_settings,
+    check_begun,
     check_same,
     environment_of,
     game_fields,
@@ -141,14 +142,13 @@ class Trainer:
             "settings": settings,
             "conditions": conditions(),
         }
+        begun_from = {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
         if self.folder.found:
             check_same(self.folder, about)
+            check_begun(self.folder, begun_from)
             self._restore()
             self._compare(about)
         else:
-            begun_from = (
-                {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
-            )
             self.folder.describe(about | {"begun_from": begun_from})
             self._keep_past()
         if self.memory is None:

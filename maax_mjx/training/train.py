@@ -37,7 +37,8 @@ def train(
 ) -> Run:
     """Trains policies for all teams of a game, against each other.
 
-    A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices.
+    A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices. It goes on
+    with the settings that are given here, so give its own again; `maax-mjx train FOLDER` takes them from the run.
 
     Example:
         ```python
@@ -53,10 +54,11 @@ def train(
         worlds: number of worlds; None is that of the preset.
         devices: see `Worlds`.
         minutes: minutes of training at most in this call, compilation not included.
-        steps: env steps of the whole run at most.
+        steps: env steps of the whole run; it ends with the iteration that reaches them.
         seed: of the worlds, the weights and all draws.
         on_iteration: called after every iteration; a run ends after it returns False.
-        begin_from: a policy that a new run begins with, also of another game with the same columns.
+        begin_from: a policy that a new run begins with, also of another game with the same columns; given again with a
+            run that began so, it changes nothing.
         env: fields of the game's config to change, such as {"n_boxes": 1}; only with a name.
         keep_faults: folder for the last moments of worlds with faults, see `Worlds`.
         bar: whether stderr shows the progress.
@@ -88,10 +90,11 @@ def train(
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
     )  # fmt: skip
-    if steps is None or trainer.steps < steps:
-        for sentence in trainer.news:
-            warnings.warn(f"train: {sentence}", stacklevel=2)
-    if not bar:
+    is_over = steps is not None and trainer.steps >= steps
+    news = [f"the run has {trainer.steps:,} steps already, and steps={steps:,} counts all of them: nothing to do"]
+    for sentence in news if is_over else trainer.news:
+        warnings.warn(f"train: {sentence}", stacklevel=2)
+    if not bar or is_over:
         return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))

@@ -71,6 +71,11 @@ def film(env: Environment, states: Any, worlds: Picked) -> Film:
                 "with (n_frames,) or (n_frames, n_worlds)"
             )
         stacked, known = _stacked(states, worlds, getattr(states, "episode_return", None))
+        if np.ndim(states.step) == 1 and len(states.step) > 1 and (stacked.step == stacked.step[0]).all():
+            raise ValueError(
+                f"states: got {len(states.step)} frames, all at step {int(stacked.step[0, 0])}; takes moments of one "
+                "world, or [states] for a batch at one moment"
+            )
     else:
         stacked, known = _listed(states, worlds)
     n_frames, n_worlds = stacked.step.shape

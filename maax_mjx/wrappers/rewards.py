@@ -85,7 +85,7 @@ class HideAndSeekReward(RewardWrapper):
         scale: factor of the reward.
 
     Raises:
-        ValueError: an unknown type or `by`, a scale that is not positive, or a missing wrapper.
+        ValueError: an unknown type or `by`, a scale that is not positive, one team alone, or a missing wrapper.
     """
 
     name = "hide_and_seek_reward"
@@ -99,6 +99,8 @@ class HideAndSeekReward(RewardWrapper):
         self.by = check_choice("by", by, CATCHES)
         self.inner(AgentAgentContactMask2D if by == "contact" else LineOfSight)
         teams = self.inner(TeamMembership)
+        if len(env.teams) < 2:
+            raise ValueError(f"HideAndSeekReward: env has the team {[*env.teams]}; takes two, hiders and seekers")
         self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)
 
     def reward(self, state: State) -> jax.Array:

@@ -116,3 +116,18 @@ def test_what_is_refused(env):
     for size in (1, 2 * whole.action_size):
         with pytest.raises(ValueError, match=rf"action: got shape \({size},\); takes \({whole.action_size},\)"):
             whole.action(np.zeros(size))
+    with pytest.raises(ValueError, match="action: got NaN; takes numbers"):
+        whole.action(np.full(whole.action_size, np.nan))
+    with pytest.raises(ValueError, match=r"action: got dict; takes an array"):
+        whole.action({})
+    assert whole.action([0.0] * whole.action_size)["move"].shape == (4, 3)
+
+
+def test_nan_is_no_force_where_it_cannot_be_refused(of):
+    """Compiled, where it would be the first bin: full force backwards."""
+    action = jax.jit(of.action)(jnp.full(of.action_size, jnp.nan))
+    assert (action["move"] == REST).all()
+    assert not action["lock"].any()
+    assert not action["grab"].any()
+    forces = jax.jit(OneTeam(maax.make("tag", impl="c")).action)(jnp.full(12, jnp.nan))
+    assert jnp.isnan(forces["move"]).all()

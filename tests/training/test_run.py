@@ -8,7 +8,6 @@ import shutil
 import struct
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import jax
@@ -162,11 +161,15 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
     # Nothing was saved with that: the whole save still fits what the folder says.
     assert len(alone.folder.about()["changes"]) == 2
     assert not trainer(copy, **same).goes_on_in_new_worlds
-    # Nor is there anything to tell where there is nothing to do.
+    # Nor is there anything else to tell where there is nothing to do.
     other = SMALL | same | {"league.share": 0.0}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=False, **other)
+    with warnings.catch_warnings(record=True) as told:
+        training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=True, **other)
+    assert [str(warning.message).rpartition(": ")[2] for warning in told] == ["nothing to do"]
+    with pytest.raises(
+        ValueError, match=r"begin_from \(--from\): got a policy of .* began with none; takes a new folder"
+    ):
+        trainer(copy, begin_from=again.policy, **same)
     assert not trainer(copy, **same).changed
     with pytest.warns(UserWarning, match=r"goes on with league\.share"), pytest.warns(UserWarning, match="new worlds"):
         training.train(echo(), copy, "laptop", N, steps=(FEW + 2) * PER_ITERATION, bar=False, **other)

@@ -536,6 +536,10 @@ WRONG = {
     "gif fps": (lambda env, rec: maax.video(env, rec, "x.gif", fps=60), "fps: got 60"),
     "speed": (lambda env, rec: maax.replay(env, rec, speed=0), "speed: got 0"),
     "states": (lambda env, rec: maax.replay(env, 3), "states: got int"),
+    "batch": (
+        lambda env, rec: maax.replay(env, jax.tree.map(lambda x: np.stack([x[0, 0]] * 2), rec.states)),
+        "states: got 2 frames, all at step",
+    ),
     "empty": (lambda env, rec: maax.replay(env, []), "states: got an empty list"),
     "not states": (lambda env, rec: maax.replay(env, [1, 2]), "states: got a list with int"),
     "one state": (lambda env, rec: maax.video(env, recording_frame(rec), "x.gif"), "states: got one state"),

@@ -282,6 +282,10 @@ ERRORS = {
         lambda e: maax.HideAndSeekReward(e.base),
         "HideAndSeekReward: needs TeamMembership; wrap with it first",
     ),
+    "reward of one team": (
+        lambda e: maax.HideAndSeekReward(maax.make("tag", impl="c")),
+        "HideAndSeekReward: env has the team ['players']; takes two, hiders and seekers",
+    ),
     "reward without contact": (lambda e: maax.HideAndSeekReward(e.env), "needs AgentAgentContactMask2D"),
     "preparation without teams": (lambda e: maax.PreparationPhase(e.base), "needs TeamMembership"),
     "reward after preparation": (
