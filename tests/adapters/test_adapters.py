@@ -412,6 +412,20 @@ def test_actions_that_jaxmarls_scripts_do_not_know_are_refused(jaxmarl, env):
 
 
 @pytest.mark.slow
+def test_stable_baselines3_learns_from_dicts(ego):
+    """Whose single numbers are vectors of one, as its networks take no others."""
+    library = pytest.importorskip("stable_baselines3")
+    envs = adapters.stable_baselines3(ego, flat=False)
+    obs = envs.reset()
+    assert obs["agent_mask_self"].shape == (envs.num_envs, 1)
+    single = {name: x[0] for name, x in obs.items()}
+    assert envs.observation_space.contains(single)
+    learner = library.PPO("MultiInputPolicy", envs, n_steps=HORIZON, batch_size=16, device="cpu")
+    learner.learn(2 * envs.num_envs * HORIZON)
+    assert learner.num_timesteps == 2 * envs.num_envs * HORIZON
+
+
+@pytest.mark.slow
 def test_stable_baselines3_learns(worlds):
     library = pytest.importorskip("stable_baselines3")
     from stable_baselines3.common.vec_env import VecMonitor
