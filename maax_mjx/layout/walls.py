@@ -17,7 +17,10 @@ from flax import struct
 from maax_mjx.layout.choice import choose
 from maax_mjx.layout.grid import Grid
 
-VERTICAL, HORIZONTAL = 0, 1
+VERTICAL = 0
+"""The axis of a wall along y."""
+HORIZONTAL = 1
+"""The axis of a wall along x."""
 Scalar = int | jax.Array
 
 

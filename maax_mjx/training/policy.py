@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import serialization
 
-from maax_mjx.common.checks import described
+from maax_mjx.common.checks import described, suggestion
 from maax_mjx.common.recorded import differing, plain_config, short
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
@@ -175,7 +175,8 @@ class Policy(TrainedPolicy):
             weights = _restored(network, data["weights"])
         except FileNotFoundError:
             past = "" if "@" not in str(path) else ", and past policies are for evaluate, or files in the run's past/"
-            raise ValueError(f"path: got {str(path)!r}, which is not there{past}; {_takes()}") from None
+            meant = suggestion(path, policies())
+            raise ValueError(f"path: got {str(path)!r}, which is not there{past}{meant}; {_takes()}") from None
         # Damaged bytes make msgpack and JSON raise errors of many kinds.
         except Exception as error:
             raise ValueError(

@@ -44,6 +44,7 @@ class Written:
 
 
 Transform = Callable[[Written], None]
+"""What changes a part that was written to a model, such as its colour or mass."""
 JOINT_DRIVES = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 

@@ -43,6 +43,13 @@ class Wrapper(Environment):
     Args:
         env: environment to wrap.
 
+    Attributes:
+        name: of its memory in `state.mechanics`, and of its part of the action; "" without.
+        requires: kinds of wrappers that must be inside this one.
+        precedes, follows: kinds that must be outside this one, or inside it, if present.
+        everyone_for_itself: whether the agents of one team play against each other, which `training.evaluate` needs to
+            know.
+
     Raises:
         ValueError: `env` is not an environment, lacks a wrapper that this one requires, or has one that must be
             outside this one or has its name.
@@ -51,13 +58,9 @@ class Wrapper(Environment):
     env: Environment = _NotGiven()  # type: ignore[assignment]
     name: str = ""
     requires: ClassVar[tuple[type[Wrapper], ...]] = ()
-    """Wrappers that must be inside this one."""
     precedes: ClassVar[tuple[type[Wrapper], ...]] = ()
-    """Wrappers that must be outside this one, if present."""
     follows: ClassVar[tuple[type[Wrapper], ...]] = ()
-    """Wrappers that must be inside this one, if present: `precedes`, from the other side."""
     everyone_for_itself: ClassVar[bool] = False
-    """Whether the agents of one team play against each other, which `training.evaluate` needs to know."""
 
     def __init__(self, env: Environment):
         self.env = check_environment(env)
