@@ -19,8 +19,7 @@ from maax_mjx.cli.options import Seed, is_game, names, report, value_of, values_
 from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
 from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
-from maax_mjx.tasks.config import from_plain
-from maax_mjx.training.config import GROUPS
+from maax_mjx.training.begin import KEPT, begun
 from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL, Folder
 from maax_mjx.training.policy import check_policy, load_any
 
@@ -33,8 +32,6 @@ RECENT = 20
 CAUGHT, RETURN = "episode_caught", "return_"
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
-KEPT = ("save_minutes", "save_worlds", "tensorboard")
-"""Options that are settings of the run, which keeps them when it goes on."""
 
 
 @dataclass
@@ -154,21 +151,21 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         return args, values_of(args.game, env)
     about = Folder(folder).about()
     _check_of_the_run(args, env, about)
-    game, settings = about["game"], about["settings"]
-    if game is None:
-        raise ValueError(f"game: got {args.game}, a run of an environment of one's own; takes one of a registered game")
-    was = {f"{group}.{name}": str(value) for group in GROUPS for name, value in settings.get(group, {}).items()}
+    was = begun(folder)
+    kept: dict[str, Any] = {
+        name: was.settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT
+    }
     gone_on = replace(
         args,
-        game=game["game"],
+        game=was.game,
         out=folder,
-        seed=about["seed"],
-        preset=about["preset"],
-        worlds=args.worlds or settings["worlds"],
-        settings=was | args.settings,
-        **{name: settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT},
+        seed=was.seed,
+        preset=was.preset,
+        worlds=args.worlds or was.worlds,
+        settings={name: str(value) for name, value in was.settings.items() if name not in KEPT} | args.settings,
+        **kept,
     )
-    return gone_on, from_plain(type(maax.config_of(game["game"])), game["config"]) | values_of(game["game"], env)
+    return gone_on, was.env | values_of(was.game, env)
 
 
 def _check_of_the_run(args: Train, env: Mapping[str, str], about: Mapping[str, Any]) -> None:

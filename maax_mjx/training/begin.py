@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make
-from maax_mjx.tasks.config import field_names
+from maax_mjx.tasks.config import field_names, from_plain
 from maax_mjx.training.config import GROUPS, TrainConfig
 from maax_mjx.training.folder import RUN, Folder
 from maax_mjx.training.network import Network, Weights
@@ -24,6 +24,44 @@ from maax_mjx.training.transfer import transferred
 DEFAULT = "its default"
 ENV = "env."
 """What names of the game's fields begin with, among settings of a training."""
+
+
+KEPT = ("save_minutes", "save_worlds", "tensorboard")
+"""Settings outside of groups that a run keeps when it goes on."""
+
+
+class Begun(NamedTuple):
+    """What a run began with, for a call that goes on with its folder alone.
+
+    Attributes:
+        game: name of its game.
+        preset, seed, worlds: as `train` takes them.
+        env: fields of the game's config.
+        settings: by dotted name.
+    """
+
+    game: str
+    preset: str
+    seed: int
+    worlds: int
+    env: dict[str, Any]
+    settings: dict[str, Any]
+
+
+def begun(folder: str | Path) -> Begun:
+    """Reads what a run began with.
+
+    Raises:
+        ValueError: a run of an environment that was not made by name.
+    """
+    about = Folder(folder).about()
+    game, settings = about["game"], about["settings"]
+    if game is None:
+        raise ValueError(f"game: got {folder}, a run of an environment of one's own; takes one of a registered game")
+    was = {f"{group}.{name}": value for group in GROUPS for name, value in settings.get(group, {}).items()}
+    was |= {name: settings[name] for name in KEPT if name in settings}
+    fields = from_plain(type(config_of(game["game"])), game["config"])
+    return Begun(game["game"], about["preset"], about["seed"], settings["worlds"], fields, was)
 
 
 def game_fields(
@@ -78,8 +116,7 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     """
     if isinstance(game, str) and (Path(game) / RUN).exists():
         raise ValueError(
-            f"game: got {game!r}, the folder of a run; takes the name of its game, with this as its "
-            "folder and its settings (env, worlds, ...) again; `maax-mjx train` takes a run's folder as it is"
+            f"game: got {game!r}, the folder of a run; takes the name of its game, or this alone, without a folder"
         )
     if env is not None and not isinstance(env, Mapping):
         raise ValueError(f"env: got {described(env)}; takes a dict of the game's fields, such as {{'horizon': 80}}")

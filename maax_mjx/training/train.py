@@ -6,21 +6,22 @@ import warnings
 from collections.abc import Callable, Mapping
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from maax_mjx.common.checks import check_bool
+from maax_mjx.common.checks import check_bool, described
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
-from maax_mjx.training.begin import check_words, game_fields, preset_in
+from maax_mjx.training.begin import ENV, Begun, begun, check_words, game_fields, preset_in
 from maax_mjx.training.config import preset as preset_of
+from maax_mjx.training.folder import RUN
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.run import Progress, Run, Trainer, check_end
 
 
 def train(
-    game: str | Environment,
-    folder: str | Path,
+    game: str | Path | Environment,
+    folder: str | Path | None = None,
     preset: str | None = None,
     worlds: int | None = None,
     devices: Devices = "all",
@@ -37,18 +38,19 @@ def train(
 ) -> Run:
     """Trains policies for all teams of a game, against each other.
 
-    A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices. It goes on
-    with the settings that are given here, so give its own again; `maax-mjx train FOLDER` takes them from the run.
+    A folder with a run in it goes on: bit for bit on `c` and `jax`, with as many worlds on as many devices. Given
+    alone, as the game, it goes on with its own game and settings.
 
     Example:
         ```python
         run = train("hide_and_seek_quadrant", "runs/quad", preset="gpu", minutes=30, **{"ppo.lr": 1e-4})
         run.policy.save("quad.policy")
+        train("runs/quad", minutes=30)  # goes on
         ```
 
     Args:
-        game: name of a game, or an environment whose agents observe for themselves.
-        folder: where everything is written.
+        game: name of a game, or an environment whose agents observe for themselves; or the folder of a run.
+        folder: where everything is written; None where `game` is the folder of a run.
         preset: settings to start from, see `maax_mjx.training.config`; None is that of the folder's run, in a new run
             "laptop" on a CPU and "gpu" elsewhere.
         worlds: number of worlds; None is that of the preset.
@@ -81,12 +83,18 @@ def train(
         MemoryError: more worlds than fit.
     """
     check_bool("bar", bar)
+    if folder is None:
+        new = {"preset": preset, "seed": seed, "begin_from": begin_from, "transfer": transfer, "env": env}
+        was = _of_the_run(game, new, overrides)
+        game, folder, preset, seed, env = was.game, Path(str(game)), was.preset, was.seed, was.env
+        worlds, overrides = worlds or was.worlds, was.settings | overrides
     preset = preset or preset_in(folder)
     # A mistyped setting before what is missing: "steps" may be what was meant.
     settings, _ = game_fields(overrides, env)
     check_words(settings, [name for name in signature(train).parameters if name != "overrides"], game)
     preset_of(preset, settings)
     check_end(minutes, steps, on_iteration)
+    game = cast("str | Environment", game)
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
     )  # fmt: skip
@@ -98,3 +106,21 @@ def train(
         return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))
+
+
+def _of_the_run(game: Any, new: Mapping[str, Any], overrides: Mapping[str, Any]) -> Begun:
+    """Returns what the run began with whose folder is given as the game.
+
+    Args:
+        game: the folder.
+        new: arguments that only new runs take, by name.
+        overrides: settings by dotted name.
+
+    Raises:
+        ValueError: no folder of a run, or something that only new runs take.
+    """
+    if not isinstance(game, str | Path) or not (Path(game) / RUN).exists():
+        raise ValueError(f"folder: got none for {described(game)}; takes one, or the folder of a run as the game alone")
+    for name in [name for name, value in new.items() if value] + [name for name in overrides if name.startswith(ENV)]:
+        raise ValueError(f"{name}: got it with the folder of a run; takes it with a new run")
+    return begun(game)

@@ -458,5 +458,26 @@ def test_fields_of_the_game_are_settings_as_in_a_shell(tmp_path):
 
 
 def test_a_run_goes_on_with_the_name_of_its_game(run):
-    with pytest.raises(ValueError, match="the folder of a run; takes the name of its game"):
+    with pytest.raises(ValueError, match="the folder of a run; takes the name of its game, or this alone"):
         training.train(str(run[1].folder), run[1].folder, steps=1)
+    with pytest.raises(ValueError, match="a run of an environment of one's own; takes one of a registered game"):
+        training.train(run[1].folder, steps=1)
+    with pytest.raises(ValueError, match="folder: got none for 'tag'; takes one, or the folder of a run"):
+        training.train("tag", steps=1)
+
+
+def test_a_folder_goes_on_with_its_own_settings(tmp_path, monkeypatch):
+    folder, made = tmp_path / "run", []
+    begun_with = {"ppo.unroll": 4, "ppo.chunk": 4, "ppo.minibatches": 1, "net.width": 16, "league.share": 0.0}
+    fields = {"n_boxes": 0, "n_ramps": 0, "impl": "c"}
+    training.Trainer("tag", folder, "laptop", 8, seed=3, env=fields, **begun_with)
+    monkeypatch.setattr(training.Trainer, "run", lambda trainer, *_: made.append(trainer))
+    with pytest.warns(UserWarning, match="goes on with ppo.lr=0.5"):
+        training.train(folder, steps=10**6, bar=False, **{"ppo.lr": 0.5})
+    (again,) = made
+    assert (again.config.worlds, again.config.ppo.lr, again.config.net.width) == (8, 0.5, 16)
+    assert (again.config.ppo.unroll, again.folder.path) == (4, folder)
+    assert again.changed == f"ppo.lr=0.5, not {training.preset('laptop').ppo.lr}"
+    for name, value in {"seed": 4, "preset": "gpu", "env": {"n_boxes": 1}, "env.n_boxes": 1, "transfer": True}.items():
+        with pytest.raises(ValueError, match=rf"^{name}: got it with the folder of a run; takes it with a new run"):
+            training.train(folder, steps=10**6, **{name: value})
