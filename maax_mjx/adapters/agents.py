@@ -129,6 +129,10 @@ class PerAgent:
         space = self.action_space
         if isinstance(space, spaces.Dict):
             check_kinds(space, chosen, lead, argument)
+            for name, part in space.spaces.items():
+                if not isinstance(part, spaces.Box) and jnp.issubdtype(jnp.result_type(chosen[name]), jnp.floating):
+                    kind = jnp.result_type(chosen[name])
+                    raise ValueError(f"{argument}: {name!r} holds {kind}; takes whole numbers, the choices from 0 on")
             return
         takes = (*lead, *(space.shape or ()))
         if not is_real_array(chosen):
@@ -145,7 +149,7 @@ class PerAgent:
         Raises:
             ValueError: no action of one agent; the message says what is.
         """
-        chosen = jax.tree.map(np.asarray, dict(chosen)) if isinstance(chosen, Mapping) else np.asarray(chosen)
+        chosen = arrays_of(chosen, argument)
         self.check(chosen, (), argument)
         check_action(spaces.Dict(self.parts), jax.tree.map(np.asarray, self.action(chosen)), (), argument)
         return chosen
@@ -163,6 +167,22 @@ class PerAgent:
             return found
         rows = np.concatenate([np.atleast_1d(part) for part in found.values()])
         return rows.astype(self.action_space.dtype).reshape(self.action_space.shape or ())
+
+
+def arrays_of(chosen: Any, argument: str) -> Any:
+    """Returns actions as an array, or as a dict of arrays.
+
+    Raises:
+        ValueError: what no array of numbers can be made of.
+    """
+    try:
+        is_dict = isinstance(chosen, Mapping)
+        given = {name: np.asarray(x) for name, x in chosen.items()} if is_dict else np.asarray(chosen)
+        if all(is_real_array(x) for x in jax.tree.leaves(given)):
+            return given
+    except (TypeError, ValueError):
+        pass  # NumPy's of lists that differ in length, PyTorch's of tensors on a GPU
+    raise ValueError(f"{argument}: got {described(chosen)}; takes what action_space.sample() gives")
 
 
 def _seen_by_one(space: spaces.Space) -> spaces.Space:

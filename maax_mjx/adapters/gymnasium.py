@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -11,8 +10,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from maax_mjx.adapters.agents import arrays_of
 from maax_mjx.adapters.rows import Rows, Step
-from maax_mjx.common.checks import described, is_real_array
 from maax_mjx.parallel import Worlds
 
 
@@ -60,7 +59,7 @@ class AgentsVectorEnv(VectorEnv):
         Raises:
             ValueError: actions of another shape.
         """
-        now = self.rows.step(jax.tree.map(jnp.asarray, _given(actions)))
+        now = self.rows.step(jax.tree.map(jnp.asarray, arrays_of(actions, "actions")))
         terminated, truncated = np.array(now.terminated), np.array(now.truncated)
         infos: dict[str, Any] = {"active": np.array(now.active)}
         if (done := terminated | truncated).any():
@@ -94,22 +93,6 @@ def gymnasium_vector(
         ValueError: an unknown team, a policy that does not fit, or agents who share their observations.
     """
     return AgentsVectorEnv(Rows(worlds, team, policy, flat, seed))
-
-
-def _given(actions: Any) -> Any:
-    """Returns actions as an array, or as a dict of arrays.
-
-    Raises:
-        ValueError: what no array of numbers can be made of.
-    """
-    try:
-        is_dict = isinstance(actions, Mapping)
-        given = {name: np.asarray(x) for name, x in actions.items()} if is_dict else np.asarray(actions)
-        if all(is_real_array(x) for x in jax.tree.leaves(given)):
-            return given
-    except ValueError:
-        pass  # NumPy's, of lists that differ in length
-    raise ValueError(f"actions: got {described(actions)}; takes what action_space.sample() gives")
 
 
 def _host(tree: Any) -> Any:

@@ -128,8 +128,13 @@ class Rows:
             return ours, memory
         keys, memory = jax.random.split(key, n), forgotten(memory, states.done)
         theirs, memory = jax.vmap(self._other.play, (0, 0, 0, None))(states, keys, memory, params)
-        joined = {name: jnp.asarray(x).at[:, self._slots].set(ours[name].astype(x.dtype)) for name, x in theirs.items()}
-        return joined, memory
+
+        def join(others: jax.Array, mine: jax.Array) -> jax.Array:
+            # Wide enough for both: `Worlds.step` checks the numbers, which a cast might change.
+            kind = jnp.promote_types(others.dtype, mine.dtype)
+            return jnp.asarray(others, kind).at[:, self._slots].set(mine.astype(kind))
+
+        return {name: join(x, ours[name]) for name, x in theirs.items()}, memory
 
     def _rows(self, states: Any) -> Step:
         n, mine = self.worlds.n_worlds, len(self._slots)

@@ -80,8 +80,8 @@ class OneTeam:
 
         Args:
             inside: the world.
-            vector: (action_size,); what is beyond [-1, 1] counts as its end. NaN is refused, in compiled code it is a
-                force that is a physics fault, and of choices the middle bin, no lock and no grab.
+            vector: (action_size,); what is beyond [-1, 1] counts as its end. NaN is refused; in compiled code,
+                where it cannot be, a force of NaN is a physics fault, and a choice the middle bin, no lock, no grab.
         """
         mine = self.action(vector)
         key, play_key = jax.random.split(inside.key)

@@ -20,7 +20,7 @@ from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
 from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.training.begin import KEPT, begun
-from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL, Folder
+from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL
 from maax_mjx.training.policy import check_policy, load_any
 
 REPLAY = "replay.html"
@@ -118,10 +118,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             return not interrupt.asked
 
         if args.steps is not None and trainer.steps >= args.steps:
-            print(
-                f"maax-mjx: the run has {trainer.steps:,} steps already, and --steps counts all of them: nothing to do",
-                file=sys.stderr,
-            )
+            print(f"maax-mjx: {trainer.nothing_to_do}", file=sys.stderr)
             run = training.Run(trainer.folder.path, trainer.policy, None)
         else:
             for sentence in trainer.news:
@@ -149,9 +146,13 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
                 "policy to begin with is --from"
             )
         return args, values_of(args.game, env)
-    about = Folder(folder).about()
-    _check_of_the_run(args, env, about)
     was = begun(folder)
+    others = {
+        "out": args.out is not None and args.out.resolve() != folder.resolve(),
+        "from": args.begin_from,
+        "transfer": args.transfer,
+    }
+    was.refuse(args.preset, args.seed, others, env, "--")
     kept: dict[str, Any] = {
         name: was.settings.get(name) if getattr(args, name) is None else getattr(args, name) for name in KEPT
     }
@@ -166,24 +167,6 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         **kept,
     )
     return gone_on, was.env | values_of(was.game, env)
-
-
-def _check_of_the_run(args: Train, env: Mapping[str, str], about: Mapping[str, Any]) -> None:
-    """Refuses options that a run has already, where its folder is given.
-
-    Raises:
-        ValueError: naming the option.
-    """
-    given = {
-        **{f"env.{name}": True for name in env if name != "impl"},
-        "preset": args.preset not in (None, about["preset"]),
-        "seed": args.seed not in (0, about["seed"]),
-        "out": args.out is not None and args.out.resolve() != Path(args.game).resolve(),
-        "from": args.begin_from is not None,
-        "transfer": args.transfer,
-    }
-    for name in (name for name, is_given in given.items() if is_given):
-        raise ValueError(f"--{name}: got it with the folder of a run; takes it with a new run")
 
 
 def _replay(trainer: training.Trainer, run: training.Run) -> None:

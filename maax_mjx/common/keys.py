@@ -73,7 +73,7 @@ def new_key(key: Any) -> jax.Array:
     """
     if _is_key(key):
         return key
-    if not (hasattr(key, "dtype") and key.dtype == jnp.uint32):
+    if not (hasattr(key, "dtype") and key.dtype == jnp.uint32 and key.shape[-1:] == (2,)):
         raise ValueError(f"key: got {described(key)}; takes a key, such as jax.random.key(0) or jax.random.PRNGKey(0)")
     return jax.random.wrap_key_data(key)
 

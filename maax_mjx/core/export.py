@@ -74,6 +74,7 @@ def to_mjcf(env: Environment, state: State, world: int | None = None) -> str:
     option = _child(root, "option")
     option.set("timestep", _numbers([model.opt.timestep]))
     option.set("gravity", _numbers(model.opt.gravity))
+    option.set("jacobian", "dense")  # as `c` has it: with sparse matrices Newton's method diverges
     data = one.data
     key = ET.SubElement(_child(root, "keyframe"), "key", name="state")
     exact = env.base.engine.exact(data)

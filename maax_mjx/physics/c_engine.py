@@ -21,8 +21,8 @@ THREADS_PER_DEVICE = 4
 class CEngine(Engine):
     """Steps in float64 on all cores; `Data.engine` holds what float32 drops of the fields that a step advances.
 
-    With it a run follows plain MuJoCo step after step. It never exceeds half a unit in the last place of the public
-    field that it completes, so those may be changed freely.
+    With it a run follows plain MuJoCo, with dense matrices, step after step. It never exceeds half a unit in the last
+    place of the public field that it completes, so those may be changed freely.
     """
 
     impl = "c"

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment, check_environment
-from maax_mjx.tasks import config_of, make
+from maax_mjx.tasks import config_of, make, tasks
 from maax_mjx.tasks.config import field_names, from_plain
 from maax_mjx.training.config import GROUPS, TrainConfig
 from maax_mjx.training.folder import RUN, Folder
@@ -24,8 +24,6 @@ from maax_mjx.training.transfer import transferred
 DEFAULT = "its default"
 ENV = "env."
 """What names of the game's fields begin with, among settings of a training."""
-
-
 KEPT = ("save_minutes", "save_worlds", "tensorboard")
 """Settings outside of groups that a run keeps when it goes on."""
 
@@ -46,6 +44,29 @@ class Begun(NamedTuple):
     worlds: int
     env: dict[str, Any]
     settings: dict[str, Any]
+
+    def refuse(
+        self, preset: str | None, seed: int, others: Mapping[str, Any], fields: Mapping[str, Any], prefix: str = ""
+    ) -> None:
+        """Refuses what a run has already, where its folder is given alone; the engine may change.
+
+        Args:
+            preset, seed: as given; those of the run are no mistake, nor are None and 0.
+            others: what only new runs take, by name.
+            fields: of the game.
+            prefix: of the names in messages.
+
+        Raises:
+            ValueError: naming it.
+        """
+        given = {
+            **{f"{ENV}{name}": True for name in fields if name != "impl"},
+            "preset": preset not in (None, self.preset),
+            "seed": seed not in (0, self.seed),
+            **others,
+        }
+        for name in (name for name, value in given.items() if value):
+            raise ValueError(f"{prefix}{name}: got it with the folder of a run; takes it with a new run")
 
 
 def begun(folder: str | Path) -> Begun:
@@ -114,9 +135,9 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     Raises:
         ValueError: fields with an environment, or what `make` refuses.
     """
-    if isinstance(game, str) and (Path(game) / RUN).exists():
+    if isinstance(game, str | Path) and game not in tasks() and (Path(game) / RUN).exists():
         raise ValueError(
-            f"game: got {game!r}, the folder of a run; takes the name of its game, or this alone, without a folder"
+            f"game: got {str(game)!r}, the folder of a run; takes the name of its game, or this alone, without a folder"
         )
     if env is not None and not isinstance(env, Mapping):
         raise ValueError(f"env: got {described(env)}; takes a dict of the game's fields, such as {{'horizon': 80}}")
@@ -200,13 +221,16 @@ def check_begun(folder: Folder, begun_from: Mapping[str, Any] | None) -> None:
     Raises:
         ValueError: another policy.
     """
-    was = folder.about().get("begun_from")
-    if begun_from is None or was == json.loads(json.dumps(begun_from)):
+    about = folder.about()
+    if begun_from is None or "begun_from" not in about:  # as of runs of before it was noted
         return
-    other = f"one of {was['steps']:,} steps" if was else "none"
+    was, now = about["begun_from"], json.loads(json.dumps(begun_from))
+    if was and was == {name: now.get(name) for name in was}:  # "transfer" was not always noted
+        return
+    other = f"another one, of {was['steps']:,} steps" if was else "none"
     raise ValueError(
-        f"begin_from (--from): got a policy of {begun_from['steps']:,} steps for {folder.path}, whose run began with "
-        f"{other}; takes a new folder, or leave it out to go on"
+        f"begin_from (--from): got a policy of {now['steps']:,} steps for {folder.path}, whose run began with {other}; "
+        "takes a new folder, or leave it out to go on"
     )
 
 

@@ -171,6 +171,11 @@ class Trainer:
         return self.iteration > 0 and "states" not in self.__dict__
 
     @property
+    def nothing_to_do(self) -> str:
+        """What there is to tell where the run has its steps already."""
+        return f"the run has {self.steps:,} steps already, and steps count all of them: nothing to do"
+
+    @property
     def news(self) -> tuple[str, ...]:
         """What is other than it was where the run goes on, in sentences without a full stop."""
         told = []

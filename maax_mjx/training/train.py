@@ -12,7 +12,7 @@ from maax_mjx.common.checks import check_bool, described
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
-from maax_mjx.training.begin import ENV, Begun, begun, check_words, game_fields, preset_in
+from maax_mjx.training.begin import Begun, begun, check_words, game_fields, preset_in
 from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.folder import RUN
 from maax_mjx.training.policy import Policy
@@ -77,17 +77,18 @@ def train(
             worlds.
 
     Raises:
-        ValueError: an unknown preset or setting, a folder with another run or one that another process trains,
-            minibatches that do not divide, or an environment that networks cannot read.
+        ValueError: an unknown preset or setting, a folder with another run, one that began from another policy or one
+            that another process trains, minibatches that do not divide, or an environment that networks cannot read.
         FloatingPointError: ten updates in a row that were not finite; the last good save stays.
         MemoryError: more worlds than fit.
     """
     check_bool("bar", bar)
     if folder is None:
-        new = {"preset": preset, "seed": seed, "begin_from": begin_from, "transfer": transfer, "env": env}
-        was = _of_the_run(game, new, overrides)
-        game, folder, preset, seed, env = was.game, Path(str(game)), was.preset, was.seed, was.env
-        worlds, overrides = worlds or was.worlds, was.settings | overrides
+        was = _begun(game)
+        overrides, fields = game_fields(overrides, env)
+        was.refuse(preset, seed, {"begin_from": begin_from, "transfer": transfer}, fields or {})
+        game, folder, preset, seed, env = was.game, Path(str(game)), was.preset, was.seed, {**was.env, **(fields or {})}
+        worlds, overrides = was.worlds if worlds is None else worlds, was.settings | overrides
     preset = preset or preset_in(folder)
     # A mistyped setting before what is missing: "steps" may be what was meant.
     settings, _ = game_fields(overrides, env)
@@ -99,8 +100,7 @@ def train(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
     )  # fmt: skip
     is_over = steps is not None and trainer.steps >= steps
-    news = [f"the run has {trainer.steps:,} steps already, and steps={steps:,} counts all of them: nothing to do"]
-    for sentence in news if is_over else trainer.news:
+    for sentence in [trainer.nothing_to_do] if is_over else trainer.news:
         warnings.warn(f"train: {sentence}", stacklevel=2)
     if not bar or is_over:
         return trainer.run(minutes, steps, on_iteration)
@@ -108,19 +108,12 @@ def train(
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))
 
 
-def _of_the_run(game: Any, new: Mapping[str, Any], overrides: Mapping[str, Any]) -> Begun:
+def _begun(game: Any) -> Begun:
     """Returns what the run began with whose folder is given as the game.
 
-    Args:
-        game: the folder.
-        new: arguments that only new runs take, by name.
-        overrides: settings by dotted name.
-
     Raises:
-        ValueError: no folder of a run, or something that only new runs take.
+        ValueError: no folder of a run.
     """
     if not isinstance(game, str | Path) or not (Path(game) / RUN).exists():
         raise ValueError(f"folder: got none for {described(game)}; takes one, or the folder of a run as the game alone")
-    for name in [name for name, value in new.items() if value] + [name for name in overrides if name.startswith(ENV)]:
-        raise ValueError(f"{name}: got it with the folder of a run; takes it with a new run")
     return begun(game)

@@ -74,7 +74,7 @@ def film(env: Environment, states: Any, worlds: Picked) -> Film:
         if np.ndim(states.step) == 1 and len(states.step) > 1 and (stacked.step == stacked.step[0]).all():
             raise ValueError(
                 f"states: got {len(states.step)} frames, all at step {int(stacked.step[0, 0])}; takes moments of one "
-                "world, or [states] for a batch at one moment"
+                "world, in a list where they are meant to be at one step, or [states] for a batch at one moment"
             )
     else:
         stacked, known = _listed(states, worlds)

@@ -289,10 +289,11 @@ def test_actions_of_one_agent_that_are_none_are_refused(env):
     first = world.agents[0]
     named = rf"actions\['{first}'\]: "
     for wrong, said in (
-        (None, named + r"got object\[\]; takes an array \(5,\)"),
+        (None, named + r"got None; takes what action_space"),
         ([1, 1, 5, 5], named + r"got shape \(4,\)"),
         ([0.0, 0.0, 5.0, 5.0, 5.0], named + "got float64; takes whole numbers"),
         ([0, 0, 11, 5, 5], named + "'move' holds 5 to 11; takes whole numbers from 0 to 10"),
+        ([[0, 1], [0]], named + "got list; takes what action_space"),
         ({"move": [5, 5, 5]}, named + r"got dict; takes an array \(5,\)"),
     ):
         with pytest.raises(ValueError, match=said):

@@ -97,7 +97,7 @@ def test_a_run_that_has_its_steps_says_so(tmp_path, capsys, monkeypatch):
     printed(capsys, "train", *words)
     main(["train", *words])
     told = capsys.readouterr()
-    assert "the run has 16 steps already, and --steps counts all of them" in told.err
+    assert "the run has 16 steps already, and steps count all of them" in told.err
     assert "compiling" not in told.err
     assert "16" in told.out
     main(["train", *words, "--ppo.lr", "1e-4"])

@@ -19,8 +19,9 @@ from tensorboardX.proto.event_pb2 import Event, SessionLog
 
 import maax_mjx as maax
 from maax_mjx import training
-from maax_mjx.training.begin import environment_of, game_fields
+from maax_mjx.training.begin import check_begun, environment_of, game_fields
 from maax_mjx.training.board import Board
+from maax_mjx.training.folder import Folder
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -166,7 +167,8 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
     other = SMALL | same | {"league.share": 0.0}
     with warnings.catch_warnings(record=True) as told:
         training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=True, **other)
-    assert [str(warning.message).rpartition(": ")[2] for warning in told] == ["nothing to do"]
+    ours = [str(warning.message) for warning in told if str(warning.message).startswith("train: ")]
+    assert [sentence.rpartition(": ")[2] for sentence in ours] == ["nothing to do"]
     with pytest.raises(
         ValueError, match=r"begin_from \(--from\): got a policy of .* began with none; takes a new folder"
     ):
@@ -466,9 +468,25 @@ def test_a_run_goes_on_with_the_name_of_its_game(run):
         training.train("tag", steps=1)
 
 
+def test_a_policy_to_begin_with_is_the_one_that_a_run_began_with(run, tmp_path):
+    other = {"game": None, "steps": 7, "transfer": False}
+    for was, is_refused in ((None, True), ({"game": None, "steps": 7}, False), (other | {"steps": 8}, True)):
+        folder = Folder(tmp_path / str(was))
+        folder.describe({"begun_from": was})
+        if is_refused:
+            with pytest.raises(ValueError, match=r"begin_from \(--from\): got a policy of 7 steps for .* began with"):
+                check_begun(folder, other)
+        else:
+            check_begun(folder, other)
+        check_begun(folder, None)
+    old = Folder(tmp_path / "old")
+    old.describe({"game": None})
+    check_begun(old, other)  # runs of before it was noted
+
+
 def test_a_folder_goes_on_with_its_own_settings(tmp_path, monkeypatch):
     folder, made = tmp_path / "run", []
-    begun_with = {"ppo.unroll": 4, "ppo.chunk": 4, "ppo.minibatches": 1, "net.width": 16, "league.share": 0.0}
+    begun_with = {"ppo.unroll": 4, "ppo.chunk": 4, "ppo.minibatches": 1, "net.width": 16, "save_minutes": 7.0}
     fields = {"n_boxes": 0, "n_ramps": 0, "impl": "c"}
     training.Trainer("tag", folder, "laptop", 8, seed=3, env=fields, **begun_with)
     monkeypatch.setattr(training.Trainer, "run", lambda trainer, *_: made.append(trainer))
@@ -476,8 +494,15 @@ def test_a_folder_goes_on_with_its_own_settings(tmp_path, monkeypatch):
         training.train(folder, steps=10**6, bar=False, **{"ppo.lr": 0.5})
     (again,) = made
     assert (again.config.worlds, again.config.ppo.lr, again.config.net.width) == (8, 0.5, 16)
-    assert (again.config.ppo.unroll, again.folder.path) == (4, folder)
+    assert (again.config.ppo.unroll, again.config.save_minutes, again.folder.path) == (4, 7.0, folder)
+    # By minutes, and on another engine.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        training.train(folder, minutes=1, seed=3, bar=False, **{"env.impl": "jax"})
+    assert made[1].env.base.impl == "jax"
     assert again.changed == f"ppo.lr=0.5, not {training.preset('laptop').ppo.lr}"
-    for name, value in {"seed": 4, "preset": "gpu", "env": {"n_boxes": 1}, "env.n_boxes": 1, "transfer": True}.items():
-        with pytest.raises(ValueError, match=rf"^{name}: got it with the folder of a run; takes it with a new run"):
+    new = {"seed": 4, "preset": "gpu", "env": {"n_boxes": 1}, "env.n_boxes": 1, "transfer": True}
+    for name, value in (new | {"begin_from": again.policy}).items():
+        told = "env.n_boxes" if name == "env" else name
+        with pytest.raises(ValueError, match=rf"^{told}: got it with the folder of a run; takes it with a new run"):
             training.train(folder, steps=10**6, **{name: value})
