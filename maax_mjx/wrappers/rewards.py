@@ -99,7 +99,8 @@ class HideAndSeekReward(RewardWrapper):
         self.by = check_choice("by", by, CATCHES)
         self.inner(AgentAgentContactMask2D if by == "contact" else LineOfSight)
         teams = self.inner(TeamMembership)
-        if len(env.teams) < 2:
+        # A game may have hiders alone, or seekers.
+        if len(env.teams) < 2 and not {HIDERS, SEEKERS} & set(env.teams):
             raise ValueError(f"HideAndSeekReward: env has the team {[*env.teams]}; takes two, hiders and seekers")
         self._hiders, self._seekers = teams.of(HIDERS), teams.of(SEEKERS)
 
