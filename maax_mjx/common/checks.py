@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from maax_mjx.common.annotated import CLOSE, Bounds, OneOf, check_value
+from maax_mjx.common.annotated import Bounds, OneOf, check_value
 
 FloatRange = float | tuple[float, float]
 FloatPair = tuple[float, float]
@@ -88,7 +88,7 @@ def pair_of(value: Any) -> tuple[Any, Any]:
 
 def suggestion(word: object, known: Iterable[str]) -> str:
     """Returns " (did you mean 'x'?)" for the known word that is nearest to another; empty where none is near."""
-    near = get_close_matches(str(word), list(known), 1, CLOSE)
+    near = get_close_matches(str(word), list(known), 1)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import mujoco
 
-from maax_mjx.common.annotated import CLOSE
 from maax_mjx.common.checks import described
 from maax_mjx.common.observed import check_arrays
 from maax_mjx.common.params import DomainParams
@@ -63,7 +62,7 @@ def checked_overlay(module: Module, model: mujoco.MjModel) -> Overlay:
     overlay = module.overlay
     for name in overlay:
         if not _is_field(model, name):
-            near = get_close_matches(name, dir(model), 1, CLOSE)
+            near = get_close_matches(name, dir(model), 1)
             raise ValueError(
                 f"overlay: {type(module).__name__} has {name!r}, which is no field of mujoco.MjModel; takes rows by "
                 f"field{f', such as {near[0]!r}' if near else ''}"

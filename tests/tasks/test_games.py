@@ -117,7 +117,6 @@ MISTAKES = {
     "name": (lambda: maax.make("hide_and_sek"), ["name: got 'hide_and_sek'", "did you mean 'hide_and_seek'"]),
     "name of a config": (lambda: maax.config_of("tagg"), ["name: got 'tagg'", "did you mean 'tag'?"]),
     "field": (lambda: maax.make("hide_and_seek", n_bin=3), [f"{HNS}: got 'n_bin'", "did you mean 'n_bins'"]),
-    "field like none": (lambda: maax.make("hide_and_seek", n_agents=3), [f"{HNS}: got 'n_agents'; takes one of"]),
     "field of a config": (lambda: maax.config_of("tag", imunity=3), ["got 'imunity'", "did you mean 'immunity'"]),
     "field of a group": (
         lambda: maax.make("hide_and_seek", **{"lock.radios": 1}),
