@@ -10,9 +10,11 @@ from maax_mjx.physics import overlaid_model
 
 GAME = maax.make("hide_and_seek_full", boxsize_obs=True, observations="ego", observe="all", impl="c").base
 saved = np.load(Path(__file__).with_suffix(".npz"))
-fields = {name: saved[f"field_{name}"].reshape(len(rows), -1) for name, rows in GAME.overlay.items()}
-shaped = {name: x.reshape(len(x), *getattr(GAME.model, name).shape[1:]) for name, x in fields.items()}
-model = overlaid_model(GAME.model, GAME.overlay, shaped)
+fields = {
+    name: saved[f"field_{name}"].reshape(len(rows), *getattr(GAME.model, name).shape[1:])
+    for name, rows in GAME.overlay.items()
+}
+model = overlaid_model(GAME.model, GAME.overlay, fields)
 
 
 def accelerations(solver, jacobian, iterations):

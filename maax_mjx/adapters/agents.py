@@ -130,8 +130,8 @@ class PerAgent:
         if isinstance(space, spaces.Dict):
             check_kinds(space, chosen, lead, argument)
             for name, part in space.spaces.items():
-                if not isinstance(part, spaces.Box) and jnp.issubdtype(jnp.result_type(chosen[name]), jnp.floating):
-                    kind = jnp.result_type(chosen[name])
+                kind = jnp.result_type(chosen[name])
+                if not isinstance(part, spaces.Box) and jnp.issubdtype(kind, jnp.floating):
                     raise ValueError(f"{argument}: {name!r} holds {kind}; takes whole numbers, the choices from 0 on")
             return
         takes = (*lead, *(space.shape or ()))

@@ -96,6 +96,12 @@ def jaxmarl(env: Environment) -> Any:
         def step_env(
             self, key: jax.Array, state: Any, actions: dict[str, jax.Array]
         ) -> tuple[dict[str, jax.Array], Any, dict[str, jax.Array], dict[str, jax.Array], dict[str, Any]]:
+            after = self.env.step(state, of.action(self._chosen(actions)))
+            dones = dict.fromkeys([*self.agents, "__all__"], after.done)
+            return self.get_obs(after), after, self._split(after.reward), dones, {}
+
+        def _chosen(self, actions: Mapping[str, jax.Array]) -> jax.Array:
+            """Returns the actions of all agents, (n_agents, ...), as their space has them."""
             if not isinstance(actions, Mapping):
                 raise ValueError(f"actions: got {described(actions)}; takes a dict with one of each of {self.agents}")
             if set(actions) != set(self.agents):
@@ -106,17 +112,15 @@ def jaxmarl(env: Environment) -> Any:
                 if action.shape != shape:
                     raise ValueError(f"actions: got shape {action.shape} of {agent}; takes {shape}")
             chosen = jnp.stack([*each.values()])
-            if choices is not None:
-                most = prod(choices) - 1
-                if not jnp.issubdtype(chosen.dtype, jnp.integer):
-                    raise ValueError(f"actions: got {chosen.dtype}; takes whole numbers from 0 to {most}")
-                if not is_traced(chosen) and ((chosen < 0) | (chosen > most)).any():
-                    raise ValueError(f"actions: got {chosen.tolist()}; takes whole numbers from 0 to {most}")
-                parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(choices))
-                chosen = jnp.stack(parts, axis=-1).reshape(-1, *space.shape)  # type: ignore[misc]
-            after = self.env.step(state, of.action(chosen))
-            dones = dict.fromkeys([*self.agents, "__all__"], after.done)
-            return self.get_obs(after), after, self._split(after.reward), dones, {}
+            if choices is None:
+                return chosen
+            most = prod(choices) - 1
+            if not jnp.issubdtype(chosen.dtype, jnp.integer):
+                raise ValueError(f"actions: got {chosen.dtype}; takes whole numbers from 0 to {most}")
+            if not is_traced(chosen) and ((chosen < 0) | (chosen > most)).any():
+                raise ValueError(f"actions: got {chosen.tolist()}; takes whole numbers from 0 to {most}")
+            parts = jnp.unravel_index(chosen.reshape(-1).astype(jnp.int32), tuple(choices))
+            return jnp.stack(parts, axis=-1).reshape(-1, *space.shape)  # type: ignore[misc]
 
         def get_obs(self, state: Any) -> dict[str, jax.Array]:
             return self._split(of.observations(state.obs))

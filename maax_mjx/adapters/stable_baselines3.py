@@ -12,22 +12,6 @@ from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.parallel import Worlds
 
 
-def with_axes(space: spaces.Space) -> spaces.Space:
-    """Returns the space of what an agent observes, in which numbers are vectors of one: networks take no others."""
-    if isinstance(space, spaces.Dict):
-        return spaces.Dict({name: with_axes(part) for name, part in space.spaces.items()})
-    if isinstance(space, spaces.Box) and space.shape == ():
-        return spaces.Box(space.low.reshape(1), space.high.reshape(1), (1,), space.dtype.type)
-    return space
-
-
-def seen(obs: Any, *lead: int) -> Any:
-    """Returns observations with the leading axes `lead` in the space of `with_axes`."""
-    if isinstance(obs, dict):
-        return {name: seen(x, *lead) for name, x in obs.items()}
-    return np.reshape(obs, (*lead, 1)) if np.shape(obs) == lead else obs
-
-
 def stable_baselines3(
     worlds: Worlds, team: str | None = None, policy: Any = None, *, flat: bool = True, seed: int = 0
 ) -> Any:
@@ -64,7 +48,7 @@ def stable_baselines3(
         render_mode = None
 
         def __init__(self) -> None:
-            super().__init__(envs.num_envs, with_axes(envs.single_observation_space), envs.single_action_space)
+            super().__init__(envs.num_envs, _with_axes(envs.single_observation_space), envs.single_action_space)
             self._actions: Any = None
 
         def reset(self) -> Any:
@@ -73,7 +57,7 @@ def stable_baselines3(
             if any(self._options):
                 raise ValueError(f"options: got {self._options}; takes none")
             stagger = worlds.env.base.horizon is not None
-            return seen(envs.reset(seed=seeds[0] if seeds else None, options={"stagger": stagger})[0], envs.num_envs)
+            return _seen(envs.reset(seed=seeds[0] if seeds else None, options={"stagger": stagger})[0], envs.num_envs)
 
         def step_async(self, actions: np.ndarray) -> None:
             self._actions = actions
@@ -85,11 +69,11 @@ def stable_baselines3(
                 episode = {"r": float(found["final_info"]["episode_return"][i])}
                 episode |= {"l": int(found["final_info"]["episode_length"][i]), "t": 0.0}
                 infos[i] |= {
-                    "terminal_observation": seen(found["final_obs"][i]),
+                    "terminal_observation": _seen(found["final_obs"][i]),
                     "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                     "episode": episode,
                 }
-            return seen(obs, envs.num_envs), rewards, terminated | truncated, infos
+            return _seen(obs, envs.num_envs), rewards, terminated | truncated, infos
 
         def close(self) -> None:
             pass
@@ -107,3 +91,19 @@ def stable_baselines3(
             raise ValueError("env_method: got it for agents of one batch, which have no methods of their own")
 
     return Agents()
+
+
+def _with_axes(space: spaces.Space) -> spaces.Space:
+    """Returns the space of what an agent observes, in which numbers are vectors of one: networks take no others."""
+    if isinstance(space, spaces.Dict):
+        return spaces.Dict({name: _with_axes(part) for name, part in space.spaces.items()})
+    if isinstance(space, spaces.Box) and space.shape == ():
+        return spaces.Box(space.low.reshape(1), space.high.reshape(1), (1,), space.dtype.type)
+    return space
+
+
+def _seen(obs: Any, *lead: int) -> Any:
+    """Returns observations with the leading axes `lead` in the space of `_with_axes`."""
+    if isinstance(obs, dict):
+        return {name: _seen(x, *lead) for name, x in obs.items()}
+    return np.reshape(obs, (*lead, 1)) if np.shape(obs) == lead else obs

@@ -16,7 +16,7 @@ import numpy as np
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import PositiveCount
-from maax_mjx.training.folder import RUN, Folder
+from maax_mjx.training.folder import Folder, is_run
 
 CHASE = 0.85
 """Share of the steps in which hiders are caught from which seekers are said to chase; see training/stages.py."""
@@ -47,7 +47,7 @@ class Config(Options):
         for run in self.runs:
             label, _, folders = run.partition("=")
             for path in map(Path, folders.split("+")):
-                if not label or not (path / RUN).exists():
+                if not label or not is_run(path):
                     raise ValueError(
                         f"runs: got {run!r}; takes LABEL=FOLDER or LABEL=FOLDER+FOLDER of runs that there are"
                     )

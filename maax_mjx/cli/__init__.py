@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -28,7 +27,7 @@ from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.common.version import VERSION
 from maax_mjx.tasks import check_game
 from maax_mjx.training.config import GROUPS
-from maax_mjx.training.folder import RUN
+from maax_mjx.training.folder import is_run
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
@@ -113,7 +112,7 @@ def run(argv: list[str]) -> None:
     if named and argv[0] == "info":
         check_named(argv[1])
     elif named:
-        if argv[0] == "rollout" and (Path(argv[1]) / RUN).exists():
+        if argv[0] == "rollout" and is_run(argv[1]):
             raise ValueError(
                 f"env: got {argv[1]}, the folder of a run; takes a game: maax-mjx rollout GAME --policy {argv[1]}"
             )

@@ -20,7 +20,7 @@ from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
 from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.training.begin import KEPT, begun
-from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL
+from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL, is_run
 from maax_mjx.training.policy import check_policy, load_any
 
 REPLAY = "replay.html"
@@ -117,7 +117,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             recent.append(now)
             return not interrupt.asked
 
-        if args.steps is not None and trainer.steps >= args.steps:
+        if trainer.has(args.steps):
             print(f"maax-mjx: {trainer.nothing_to_do}", file=sys.stderr)
             run = training.Run(trainer.folder.path, trainer.policy, None)
         else:
@@ -139,7 +139,7 @@ def _went_on(args: Train, env: Mapping[str, str]) -> tuple[Train, dict[str, Any]
         ValueError: neither a game nor the folder of a run, or what a run has already with its folder.
     """
     folder = Path(args.game)
-    if is_game(args.game) or not (folder / RUN).exists():
+    if is_game(args.game) or not is_run(folder):
         if not is_game(args.game) and ("/" in args.game or folder.is_dir()):
             raise ValueError(
                 f"game: got {args.game}, where no run is; takes a game, my_game.py:football, or a run's folder; a "

@@ -97,7 +97,7 @@ def check_value(name: str, value: Any, kind: Any) -> Any:
         return value
     rules = _rules(kind)
     known = [name for rule in rules if isinstance(rule, OneOf) for name in rule.names]
-    near = get_close_matches(value, known, 2) if isinstance(value, str) else []
+    near = get_close_matches(value, known, n=2) if isinstance(value, str) else []
     hint = f"did you mean {' or '.join(map(repr, near))}? It " if near else ""
     open_ended = not any(isinstance(rule, Bounds) and rule.high < np.inf for rule in rules)
     size = ", no larger than 32 bits hold" if open_ended and _is_too_large(value) else ""

@@ -89,8 +89,8 @@ def check_kinds(space: spaces.Dict, action: Any, lead: tuple[int, ...], argument
         want = (*lead, *(sub.shape or ()))
         if jnp.shape(action[name]) != want:
             raise ValueError(f"{argument}: {name!r} has shape {jnp.shape(action[name])}; takes {want}")
-        if isinstance(sub, spaces.MultiDiscrete) and not jnp.issubdtype(jnp.result_type(action[name]), jnp.integer):
-            kind = jnp.result_type(action[name])
+        kind = jnp.result_type(action[name])
+        if isinstance(sub, spaces.MultiDiscrete) and not jnp.issubdtype(kind, jnp.integer):
             raise ValueError(f"{argument}: {name!r} holds {kind}; takes whole numbers, the bins from 0 on")
 
 

@@ -16,7 +16,7 @@ from maax_mjx.core.env import Environment, check_environment
 from maax_mjx.tasks import config_of, make, tasks
 from maax_mjx.tasks.config import field_names, from_plain
 from maax_mjx.training.config import GROUPS, TrainConfig
-from maax_mjx.training.folder import RUN, Folder
+from maax_mjx.training.folder import Folder, is_run
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import check_fits, check_policy
 from maax_mjx.training.transfer import transferred
@@ -135,7 +135,7 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
     Raises:
         ValueError: fields with an environment, or what `make` refuses.
     """
-    if isinstance(game, str | Path) and game not in tasks() and (Path(game) / RUN).exists():
+    if game not in tasks() and is_run(game):
         raise ValueError(
             f"game: got {str(game)!r}, the folder of a run; takes the name of its game, or this alone, without a folder"
         )
@@ -153,7 +153,7 @@ def environment_of(game: Any, config: TrainConfig, env: Mapping[str, Any] | None
 
 def preset_in(folder: str | Path) -> str:
     """Returns the preset of the run in a folder; where none is, the one for this machine."""
-    if isinstance(folder, str | Path) and (Path(folder) / RUN).exists():
+    if is_run(folder):
         return Folder(folder).about()["preset"]
     return "laptop" if jax.default_backend() == "cpu" else "gpu"
 

@@ -47,6 +47,11 @@ def by_the_first(method: Writes) -> Writes:
     return cast(Writes, written)
 
 
+def is_run(folder: Any) -> bool:
+    """Whether something is the folder of a run."""
+    return isinstance(folder, str | Path) and (Path(folder) / RUN).exists()
+
+
 class Folder:
     """The files of a run.
 
@@ -70,7 +75,7 @@ class Folder:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ValueError(f"folder: got {path}, where no folder can be made ({error.strerror})") from None
-        self.found = (self.path / RUN).exists()
+        self.found = is_run(self.path)
         if not self.found and any(not x.name.startswith(".") for x in self.path.iterdir()):
             raise ValueError(f"folder: got {path}, which has other files; takes an empty one, a new one, or a run's")
         # Before the first process writes what the others look for.

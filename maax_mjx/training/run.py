@@ -170,6 +170,10 @@ class Trainer:
         """Whether the run goes on from a save without its worlds, which begin anew."""
         return self.iteration > 0 and "states" not in self.__dict__
 
+    def has(self, steps: int | None) -> bool:
+        """Whether the run has its steps already; never without a number."""
+        return steps is not None and self.steps >= steps
+
     @property
     def nothing_to_do(self) -> str:
         """What there is to tell where the run has its steps already."""
@@ -199,12 +203,12 @@ class Trainer:
         """Trains until the minutes or the steps are over, and saves; the arguments are those of `train`."""
         check_end(minutes, steps, on_iteration)
         self.folder.claim()
-        if steps is None or self.steps < steps:
+        if not self.has(steps):
             jax.block_until_ready(self.states)  # drawn before the clock starts
         progress, over, begun, drawn = None, False, self.seconds, 0.0
         saved = self._since = time.perf_counter()
         try:
-            while not over and (steps is None or self.steps < steps):
+            while not over and not self.has(steps):
                 progress = self._iteration(first=progress is None)
                 enough = on_iteration is not None and on_iteration(progress) is False
                 over = minutes is not None and self.seconds - begun >= 60 * minutes

@@ -12,9 +12,9 @@ from maax_mjx.common.checks import check_bool, described
 from maax_mjx.core.env import Environment
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.bar import Bar
-from maax_mjx.training.begin import Begun, begun, check_words, game_fields, preset_in
+from maax_mjx.training.begin import begun, check_words, game_fields, preset_in
 from maax_mjx.training.config import preset as preset_of
-from maax_mjx.training.folder import RUN
+from maax_mjx.training.folder import is_run
 from maax_mjx.training.policy import Policy
 from maax_mjx.training.run import Progress, Run, Trainer, check_end
 
@@ -84,7 +84,11 @@ def train(
     """
     check_bool("bar", bar)
     if folder is None:
-        was = _begun(game)
+        if not is_run(game):
+            raise ValueError(
+                f"folder: got none for {described(game)}; takes one, or the folder of a run as the game alone"
+            )
+        was = begun(cast("str | Path", game))
         overrides, fields = game_fields(overrides, env)
         was.refuse(preset, seed, {"begin_from": begin_from, "transfer": transfer}, fields or {})
         game, folder, preset, seed, env = was.game, Path(str(game)), was.preset, was.seed, {**was.env, **(fields or {})}
@@ -99,21 +103,10 @@ def train(
     trainer = Trainer(
         game, folder, preset, worlds, devices, seed, begin_from, env, keep_faults, transfer, **overrides
     )  # fmt: skip
-    is_over = steps is not None and trainer.steps >= steps
+    is_over = trainer.has(steps)
     for sentence in [trainer.nothing_to_do] if is_over else trainer.news:
         warnings.warn(f"train: {sentence}", stacklevel=2)
     if not bar or is_over:
         return trainer.run(minutes, steps, on_iteration)
     with Bar(minutes, steps) as shown:
         return trainer.run(minutes, steps, shown.of(trainer, on_iteration))
-
-
-def _begun(game: Any) -> Begun:
-    """Returns what the run began with whose folder is given as the game.
-
-    Raises:
-        ValueError: no folder of a run.
-    """
-    if not isinstance(game, str | Path) or not (Path(game) / RUN).exists():
-        raise ValueError(f"folder: got none for {described(game)}; takes one, or the folder of a run as the game alone")
-    return begun(game)

@@ -85,7 +85,8 @@ class HideAndSeekReward(RewardWrapper):
         scale: factor of the reward.
 
     Raises:
-        ValueError: an unknown type or `by`, a scale that is not positive, one team alone, or a missing wrapper.
+        ValueError: an unknown type or `by`, a scale that is not positive, a single team that is neither hiders nor
+            seekers, or a missing wrapper.
     """
 
     name = "hide_and_seek_reward"

@@ -44,7 +44,7 @@ class Wrapper(Environment):
         env: environment to wrap.
 
     Attributes:
-        name: of its memory in `state.mechanics`, and of its part of the action; "" without.
+        name: of its memory in `state.mechanics`; "" for a wrapper without.
         requires: kinds of wrappers that must be inside this one.
         precedes, follows: kinds that must be outside this one, or inside it, if present.
         everyone_for_itself: whether the agents of one team play against each other, which `training.evaluate` needs to

@@ -166,6 +166,7 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
     # Nor is there anything else to tell where there is nothing to do.
     other = SMALL | same | {"league.share": 0.0}
     with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
         training.train(echo(), copy, "laptop", N, steps=FEW * PER_ITERATION, bar=True, **other)
     ours = [str(warning.message) for warning in told if str(warning.message).startswith("train: ")]
     assert [sentence.rpartition(": ")[2] for sentence in ours] == ["nothing to do"]
