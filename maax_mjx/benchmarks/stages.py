@@ -8,7 +8,7 @@ and `devices` are those of the training up to the policy, from the run's metrics
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +17,7 @@ from maax_mjx import training
 from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import OneOf, PositiveCount
+from maax_mjx.common.options import value_of
 from maax_mjx.training.folder import Folder
 from maax_mjx.training.stages import stage_reached
 from maax_mjx.wrappers.teams import SEEKERS
@@ -46,6 +47,7 @@ class Config(Options):
         runs: folders of runs.
         without: what is taken away, one thing at a time, or "nothing".
         against: who plays the hiders: the policy itself, or random actions.
+        change: fields of the game's config with other values than it was learnt with, such as p_door_dropout=1.
         episodes: of each match.
         past: whether past policies of the runs are played, or the newest alone.
         impl: engine.
@@ -57,6 +59,7 @@ class Config(Options):
         *training.INTERVENTIONS,
     )
     against: tuple[Annotated[str, OneOf(("self", RANDOM))], ...] = ("self",)
+    change: tuple[str, ...] = ()
     episodes: PositiveCount = 1024
     past: bool = True
     impl: Annotated[str, OneOf(("auto", "c", "jax", "warp"))] = "auto"
@@ -66,6 +69,9 @@ class Config(Options):
         names = [folder.name for folder in self.runs]
         if len(set(names)) < len(names):
             raise ValueError(f"runs: got {names}; takes folders of different names, by which rows are told apart")
+        for text in self.change:
+            if not text.partition("=")[0].isidentifier() or not text.partition("=")[2]:
+                raise ValueError(f"change: got {text!r}; takes a field and its value, such as p_door_dropout=1")
 
 
 @dataclass(frozen=True)
@@ -77,12 +83,14 @@ class Case:
         steps: env steps of training.
         without: what was taken away, or "nothing".
         against: who plays the hiders.
+        changed: fields of the game's config that have other values than it was learnt with.
     """
 
     run: str
     steps: int
     without: str
     against: str
+    changed: str = field(default="", kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -119,23 +127,24 @@ def cases(config: Config) -> Iterator[Case]:
         for steps, _ in files_of(folder, config.past):
             for against in config.against:
                 for without in config.without:
-                    yield Case(folder.name, steps, without, against)
+                    yield Case(folder.name, steps, without, against, changed=" ".join(config.change))
 
 
 @lru_cache(maxsize=8)
-def game_of(folder: Path, without: str, impl: str) -> Any:
+def game_of(folder: Path, without: str, change: tuple[str, ...], impl: str) -> Any:
     """Makes the game of a run, in which tools are counted; equal ones compile once."""
     policy = training.Policy.load(folder)
+    fields = {name: value_of(value) for name, value in (text.split("=", 1) for text in change)}
     if without == NOTHING:
-        return policy.make_env(tools=True, impl=impl)
-    return training.intervened(policy, without, impl=impl)
+        return policy.make_env(**{"tools": True, "impl": impl, **fields})
+    return training.intervened(policy, without, **{"impl": impl, **fields})
 
 
 def measure(case: Case, config: Config) -> Row:
     """Plays a match."""
     folder = next(one for one in config.runs if one.name == case.run)
     policy = training.Policy.load(dict(files_of(folder, True))[case.steps])
-    env = game_of(folder, case.without, config.impl)
+    env = game_of(folder, case.without, config.change, config.impl)
     match = training.evaluate(policy, [case.against], config.episodes, env, teams=[SEEKERS], seed=1).matches[0]
     found = {name: match.metrics[name] for name in NUMBERS if name in match.metrics}
     rows = [row for row in Folder(folder).rows() if row["steps"] <= case.steps]

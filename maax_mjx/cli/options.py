@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Annotated, Any, Literal
 import maax_mjx as maax
 from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
-from maax_mjx.common.options import number_of
+from maax_mjx.common.options import number_of, value_of
 from maax_mjx.common.recorded import texts_of
 from maax_mjx.common.whole import FOLDERS
 from maax_mjx.core.env import Environment
@@ -82,14 +81,6 @@ def split_overrides(argv: list[str], prefix: str = ENV) -> tuple[list[str], dict
         if not any(words):
             raise ValueError(f"{prefix}{name}: got no value; takes one, such as 3, or 2,6 for a range")
     return rest, {name: ",".join(words) for name, words in found.items()}
-
-
-def value_of(text: str) -> Any:
-    """Parses a Python literal, words between commas as a tuple, or a single word."""
-    try:
-        return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        return tuple(value_of(part) for part in text.split(",")) if "," in text else text
 
 
 def make_env(name: str, impl: str, overrides: Mapping[str, str]) -> Environment:

@@ -15,8 +15,9 @@ import tyro
 import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, is_game, names, report, value_of, values_of
+from maax_mjx.cli.options import Seed, is_game, names, report, values_of
 from maax_mjx.common.annotated import Positive, PositiveCount, check_fields
+from maax_mjx.common.options import value_of
 from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.training.begin import KEPT, begun

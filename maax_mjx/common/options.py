@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import io
 import re
@@ -94,3 +95,11 @@ def guesses(near: str, command: str) -> list[str]:
         if not commands or any(x.startswith(command) for x in commands):
             found.append(name)
     return list(dict.fromkeys(found))
+
+
+def value_of(text: str) -> Any:
+    """Parses a Python literal, words between commas as a tuple, or a single word."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return tuple(value_of(part) for part in text.split(",")) if "," in text else text

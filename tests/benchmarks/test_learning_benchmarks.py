@@ -83,6 +83,24 @@ def test_policies_of_a_run_are_played_from_the_oldest_to_the_newest(folder):
         ("run", steps, without) for steps in (5_000_000, policy.steps) for without in ("nothing", "no_ramps")
     ]
     assert [case.steps for case in stages.cases(replace(both, past=False, without=("nothing",)))] == [policy.steps]
+    assert {case.changed for case in stages.cases(both)} == {""}
+
+
+def test_a_policy_is_played_in_its_game_with_other_values(folder):
+    (folder / "other").mkdir()
+    (folder / "other" / "run.json").write_text("{}")
+    training.Policy.load("quadrant/chase").save(folder / "other" / "policy")
+    change = ("p_door_dropout=1", "hider_placement=quad", "n_boxes=1,2")
+    config = stages.Config(runs=(folder / "other",), without=("no_ramps",), change=change)
+    config.check()
+    (case,) = stages.cases(config)
+    assert case.changed == "p_door_dropout=1 hider_placement=quad n_boxes=1,2"
+    for without in ("nothing", "no_ramps"):
+        found = stages.game_of(folder / "other", without, change, "c").made_from.config
+        assert (found.p_door_dropout, found.hider_placement, found.n_boxes) == (1, "quad", (1, 2))
+    for wrong in ("p_door_dropout", "=1", "p_door_dropout=", "a b=1"):
+        with pytest.raises(ValueError, match=r"change: got .*; takes a field and its value"):
+            replace(config, change=(wrong,)).check()
 
 
 def test_opponents_that_cannot_play_a_game_are_left_out_and_unknown_ones_refused():

@@ -22,10 +22,10 @@ import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.benchmarks import BENCHMARKS
 from maax_mjx.cli import COMMANDS, main, saved
-from maax_mjx.cli.options import apart, split_overrides, value_of
+from maax_mjx.cli.options import apart, split_overrides
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
-from maax_mjx.common.options import number_of
+from maax_mjx.common.options import number_of, value_of
 
 
 @pytest.fixture(scope="module")

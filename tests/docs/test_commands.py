@@ -12,11 +12,12 @@ from helpers.pages import BLOCKS, PAGES, ROOT, commands, in_prose
 
 import maax_mjx as maax
 from maax_mjx import cli, training
-from maax_mjx.cli.options import as_learnt, config_with, value_of
+from maax_mjx.cli.options import as_learnt, config_with
 from maax_mjx.cli.train import Train
 from maax_mjx.cli.worlds import parse_placement
 from maax_mjx.common.annotated import check_fields
 from maax_mjx.common.checks import check_choice
+from maax_mjx.common.options import value_of
 from maax_mjx.tasks import registry
 from maax_mjx.tasks.brought import module_of
 from maax_mjx.training.config import PRESETS, preset
