@@ -20,7 +20,7 @@ class AgentsVectorEnv(VectorEnv):
 
     Where an episode ends the next one begins in the same step: `infos` have, at its end, "final_obs" with what was
     observed last, and "final_info" with "episode_return" and "episode_length". Everywhere they have "active", whether
-    the agent is in play: those who are not observe and earn zeros.
+    the agent is in play: those who are not observe zeros.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012

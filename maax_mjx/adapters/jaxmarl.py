@@ -25,7 +25,7 @@ def jaxmarl(env: Environment) -> Any:
 
     Agents are named as in `env.agent_names`, and observe one vector each. JaxMARL's scripts know a box of numbers, or
     one number of choices: bins, locks and grabs are numbered together, the last one changing fastest, which suits games
-    of few bins (`DiscretizeActions(env, 3)`). Agents that are not in play observe and earn zeros. JaxMARL does not tell
+    of few bins (`DiscretizeActions(env, 3)`). Agents that are not in play observe zeros. JaxMARL does not tell
     truncation from termination, and draws a new world at every step, used or not: `Worlds` is faster.
 
     Example:

@@ -42,7 +42,8 @@ class Step(NamedTuple):
 class Rows:
     """The agents of one team, or of all, as rows; world after world, in a world by slot.
 
-    Agents that are not in play in an episode are rows as well: they observe and earn zeros.
+    Agents that are not in play in an episode are rows as well: they observe zeros, and earn what the game pays them:
+    its own games nothing.
 
     Args:
         worlds: the batch; on one device or by shard_map.
@@ -70,6 +71,8 @@ class Rows:
             raise ValueError("worlds: got those of pmap, with two leading axes; takes one device, or shard_map")
         if jax.process_count() > 1:
             raise ValueError(f"worlds: got those of {jax.process_count()} processes; takes those of one")
+        if team is not None:
+            check_choice("team", team, worlds.env.teams)
         if (team is None) != (policy is None):
             raise ValueError(f"policy: got {policy!r} with the team {team!r}; takes both, or neither for all agents")
         self.of = PerAgent(worlds.env, flat, "worlds")
@@ -77,7 +80,7 @@ class Rows:
         if env is not worlds.env:
             worlds = worlds.with_env(env)
         self.worlds = worlds
-        slots = range(env.n_agents) if team is None else env.teams[check_choice("team", team, env.teams)].slots
+        slots = range(env.n_agents) if team is None else env.teams[team].slots
         self._slots = np.asarray(slots)
         self.n_rows = worlds.n_worlds * len(self._slots)
         # A trained policy reads the game's arrays, beside which the rows' vectors stand.

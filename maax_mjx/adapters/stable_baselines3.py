@@ -17,7 +17,7 @@ def stable_baselines3(
 ) -> Any:
     """Makes a `VecEnv` of Stable-Baselines3 whose environments are the agents of a team, or all agents.
 
-    All of them share what is learnt. Agents that are not in play in an episode observe and earn zeros; `infos` say who
+    All of them share what is learnt. Agents that are not in play in an episode observe zeros; `infos` say who
     is, as "active". On a CPU call `torch.set_num_threads(1)`: the engine `c` uses all cores.
 
     Example:

@@ -52,7 +52,7 @@ class Config(Options):
     """
 
     env: tuple[str, ...] = ("tag",)
-    impl: tuple[str, ...] = ("c",)
+    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("c",)
     worlds: tuple[PositiveCount, ...] = (64, 1024)
     way: tuple[Annotated[str, OneOf(WAYS)], ...] = WAYS
     steps: PositiveCount = 200

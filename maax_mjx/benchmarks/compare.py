@@ -107,7 +107,7 @@ def measure(case: Case, config: Config) -> Row:
         **vars(case),
         steps=rows[-1]["steps"],
         minutes=round(rows[-1]["seconds"] / 60, 2),
-        chase=next((row["steps"] for row in ended if row.get(CAUGHT, 0) >= CHASE), None),
+        chase=next((row["steps"] for row in ended if (row.get(CAUGHT) or 0) >= CHASE), None),
         devices=sorted({name for folder in folders for name in folder.about()["conditions"]["devices"]}),
         curves={name: curve_of(whole, name, case.every) for name in config.numbers},
     )
@@ -132,7 +132,9 @@ def curve_of(rows: Sequence[dict[str, Any]], name: str, every: int) -> list[tupl
     """The mean over the episodes of every so many steps, at the last step of each."""
     points = []
     for part in sorted({-(-row["steps"] // every) for row in rows}):
-        inside = [row for row in rows if -(-row["steps"] // every) == part]
+        inside = [row for row in rows if -(-row["steps"] // every) == part and row[name] is not None]
+        if not inside:
+            continue
         mean = np.average([row[name] for row in inside], weights=[row["episodes"] for row in inside])
         points.append((inside[-1]["steps"], round(float(mean), 4)))
     return points

@@ -52,7 +52,7 @@ class Config(Options):
     """
 
     env: tuple[str, ...] = ("standard",)
-    impl: tuple[str, ...] = ("c", "jax")
+    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("c", "jax")
     worlds: tuple[PositiveCount, ...] = (256,)
     steps: PositiveCount = 1200
     max_world_steps: float = 2e7

@@ -26,7 +26,7 @@ from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import draw_actions, env_roll
 from maax_mjx.common.annotated import OneOf, PositiveCount
 from maax_mjx.training.collect import Remembered, collect
-from maax_mjx.training.config import TrainConfig
+from maax_mjx.training.config import PRESETS, TrainConfig
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 
@@ -55,7 +55,7 @@ class Config(Options):
     """
 
     env: tuple[str, ...] = ("hide_and_seek_quadrant",)
-    impl: tuple[str, ...] = ("auto",)
+    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("auto",)
     worlds: tuple[PositiveCount, ...] = (1024,)
     devices: tuple[PositiveCount, ...] = (1,)
     part: tuple[Annotated[str, OneOf(PARTS)], ...] = PARTS
@@ -65,7 +65,7 @@ class Config(Options):
     epochs: tuple[PositiveCount, ...] = (2,)
     minibatches: tuple[PositiveCount, ...] = (16,)
     microbatches: tuple[PositiveCount, ...] = (1,)
-    preset: str = "gpu"
+    preset: Annotated[str, OneOf(tuple(PRESETS))] = "gpu"
     policy: Path | None = None
     turns: PositiveCount = 4
 

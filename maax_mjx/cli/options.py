@@ -20,7 +20,7 @@ from maax_mjx.tasks.config import inner_config
 from maax_mjx.training.trained import TrainedPolicy
 
 ENV = "--env."
-MISTAKES = (ValueError, OSError, MemoryError, maax.MissingLibraryError)
+MISTAKES = (ValueError, OSError, MemoryError, FloatingPointError, maax.MissingLibraryError)
 Seed = Annotated[int, Bounds(0, LONG)]
 
 
@@ -96,9 +96,11 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
     """Makes the config of an environment, with fields that are given as texts; see `values_of`.
 
     Raises:
-        ValueError: an unknown field.
+        ValueError: an unknown field, or two engines.
     """
     fields = values_of(name, overrides)
+    if impl not in ("auto", fields.get("impl", impl)):
+        raise ValueError(f"impl: got --impl {impl} and {ENV}impl {fields['impl']}; takes one of them")
     # A game's config may leave the engine to the game.
     if impl != "auto" or hasattr(maax.config_of(name), "impl"):
         fields = {"impl": impl, **fields}

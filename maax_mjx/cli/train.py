@@ -30,7 +30,7 @@ FILES = (RUN, METRICS, CURVES, POLICY, f"{PAST}/", f"{SAVES}/", f"{SMALL}/", f"{
 """What a folder may have, as the result names it."""
 RECENT = 20
 """Iterations, at the end of a call, over whose episodes the result's means are: those of a single one are noise."""
-CAUGHT, RETURN = "episode_caught", "return_"
+CAUGHT, RETURN, ENDED = "episode_caught", "return_", "ended_"
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
 
@@ -202,7 +202,9 @@ def _result(
     # From the end of the first iteration, which compiles and counts as no time.
     steps, seconds = made[-1].steps - made[0].steps, made[-1].seconds - made[0].seconds
     episodes = [p.metrics.get("episodes", 0.0) for p in recent]
-    names = [name for name in now.metrics if name.startswith((RETURN, CAUGHT))]
+    counts = {CAUGHT: "whole_episodes"} | {
+        name: name.replace(RETURN, ENDED) for name in now.metrics if name.startswith(RETURN)
+    }
     return {
         "folder": str(run.folder),
         "iterations": now.iteration,
@@ -211,14 +213,17 @@ def _result(
         "env_steps_per_s": round(steps / seconds) if seconds else None,
         "recent_iterations": len(recent),
         "recent_episodes": round(sum(episodes)),
-        **{name: _mean([p.metrics[name] for p in recent], episodes) for name in names},
+        "broken_updates": round(sum(p.metrics["broken"] for p in recent) / len(recent), 3),
+        **{name: _mean(recent, name, by) for name, by in counts.items() if name in now.metrics},
         "files": files,
     }
 
 
-def _mean(values: Sequence[float], weights: Sequence[float]) -> float | None:
-    total = sum(weights)
-    return round(sum(x * w for x, w in zip(values, weights, strict=True)) / total, 3) if total else None
+def _mean(recent: Sequence[training.Progress], name: str, by: str) -> float | None:
+    """The mean of a number over what counted for it; None if nothing did."""
+    told = [p.metrics for p in recent if p.metrics[by]]
+    total = sum(metrics[by] for metrics in told)
+    return round(sum(metrics[name] * metrics[by] for metrics in told) / total, 3) if told else None
 
 
 def _rows(result: Mapping[str, Any]) -> dict[str, str]:
@@ -238,11 +243,14 @@ def _rows(result: Mapping[str, Any]) -> dict[str, str]:
     n, recent = result["recent_episodes"], result["recent_iterations"]
     over = "the last iteration" if recent == 1 else f"the last {recent} iterations"
     if n:
-        returns = [f"{key.removeprefix(RETURN)} {x + 0.0:+g}" for key, x in result.items() if key.startswith(RETURN)]
+        found = {key.removeprefix(RETURN): x for key, x in result.items() if key.startswith(RETURN)}
+        returns = [f"{team} none" if x is None else f"{team} {x + 0.0:+g}" for team, x in found.items()]
         ended = "the one episode" if n == 1 else f"the {n:,} episodes"
         rows["mean return"] = f"{', '.join(returns)} for each agent, of {ended} that ended in {over}"
-        if CAUGHT in result:
+        if result.get(CAUGHT) is not None:
             rows["caught"] = f"in {result[CAUGHT]:g} of the steps after preparation, in these episodes"
     else:
         rows["mean return"] = f"none: no episode ended in {over}"
+    if result["broken_updates"]:
+        rows["skipped"] = f"{result['broken_updates']:.1%} of the updates in {over}: not finite, as of NaN in a reward"
     return rows | {"files": result["files"]}

@@ -157,5 +157,6 @@ def parse_placement(text: str) -> PlacementFn:
     form, make = PLACED[name]
     try:
         return make(*values)
-    except (TypeError, ValueError):
-        raise ValueError(f"placement: got {text!r}; takes {form}") from None
+    except (TypeError, ValueError) as error:
+        why = f" ({error})" if "; takes" in str(error) else ""
+        raise ValueError(f"placement: got {text!r}; takes {form}{why}") from None

@@ -162,6 +162,11 @@ class Composition:
         return _named(names, {m.name: m for m in self._modules.values() if _is_object(m) or isinstance(m, Sites)})
 
     @property
+    def usual_objects(self) -> list[str]:
+        """Names of the modules of boxes and of ramps, as far as there are any: what mechanics are about by default."""
+        return [name for name, m in self._modules.items() if name in ("box", "ramp") and _is_object(m)]
+
+    @property
     def sites(self) -> dict[str, Sites]:
         """The modules of marks on the floor, by kind."""
         return {m.kind: m for m in self._modules.values() if isinstance(m, Sites) and m.n_max}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -79,9 +80,11 @@ def _words(now: Progress, stage: str, left: float | None) -> str:
     """The end of the bar: speed, scores, stage, what is left."""
     numbers = now.metrics
     words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
-    if numbers.get("episodes") and "episode_caught" in numbers:
+    if math.isfinite(numbers.get("episode_caught", math.nan)):
         words.append(f"caught {numbers['episode_caught']:.2f}")
-    words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in numbers.items() if name.startswith("return_")]
+    returns = {name: x for name, x in numbers.items() if name.startswith("return_") and math.isfinite(x)}
+    words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in returns.items()]
+    words += [f"{numbers['broken']:.0%} of the updates not finite"] if numbers.get("broken") else []
     words += [stage] if stage else []
     if left is not None:
         words.append(f"{left:.1f} min left")

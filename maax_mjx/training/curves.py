@@ -60,7 +60,8 @@ def draw_curves(rows: Sequence[dict[str, Any]], path: Path) -> None:
         axes.set_xlabel("million env steps", fontsize=8)
         axes.tick_params(labelsize=8)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7)
+        if axes.lines:
+            axes.legend(fontsize=7)
     figure.suptitle(f"pale: every iteration; full: the mean of the last {WINDOW}", fontsize=8)
     with whole(path) as part:
         figure.savefig(part, dpi=100)

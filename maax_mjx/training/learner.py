@@ -30,7 +30,7 @@ class Learner(struct.PyTreeNode):
         weights: the networks' weights.
         moments: the optimiser's state.
         scale: the scale of the critics' predictions.
-        broken: () int32, updates in a row that were not finite.
+        broken: () int32, iterations in a row none of whose updates was finite.
     """
 
     weights: Weights
@@ -121,12 +121,12 @@ def iterate(
     gain = advantages(batch.reward, value, after, end, last, fault, ppo.gamma, ppo.lam)
     returns = gain + value
     if share:
-        score = surprise(gain[0], batch.counts[0])[where]
+        score = jnp.nan_to_num(surprise(gain[0], batch.counts[0])[where])
         memory = memory.replace(archive=memory.archive.kept(seen, score, n_new, choose))
     scale, weights = _rescaled(scale, weights, returns, batch.counts, mean)
     gain = _standardised(gain, batch.acts, network, ppo.advantage, mean)
     rows = rows_of(batch, before, gain, scale.normalised(returns), ppo.chunk)
-    now = Updates(weights, learner.moments, jnp.zeros((), bool), learner.broken)
+    now = Updates(weights, learner.moments, jnp.zeros((), bool), jnp.zeros_like(learner.broken))
     first_group = index[0] * groups // len(index)
     order = _order(shuffle, first_group, groups, rows.begins.shape[1], config)
 
@@ -134,10 +134,18 @@ def iterate(
         return update(now, network, ppo, rows.picked(picked), mean)
 
     now, info = jax.lax.scan(learn, now, order)
-    weights = now.weights.replace(norm=updated(now.weights.norm, batch.features, mean))
+    norm = now.weights.norm
+    weights = now.weights.replace(norm=finite_or(updated(norm, batch.features, mean), norm))
+    broken = jnp.where(now.broken < len(order), 0, learner.broken + 1)
     played = metrics_of(network, batch, value, returns, mean, len(worlds.shards.devices))
     metrics = {name: x.mean() for name, x in info.items()} | played
-    return Learner(weights, now.moments, scale, now.broken), states, memory, metrics
+    return Learner(weights, now.moments, scale, broken), states, memory, metrics
+
+
+def finite_or(new: Any, old: Any) -> Any:
+    """Returns a tree if all of it is finite, else the old one: rewards or observations of one step may be NaN."""
+    fine = [jnp.isfinite(x).all() for x in jax.tree.leaves(new)]
+    return jax.tree.map(lambda a, b: jnp.where(jnp.stack(fine).all(), a, b), new, old)
 
 
 def _rescaled(
@@ -147,7 +155,7 @@ def _rescaled(
     sums = (counts.sum(dtype=jnp.float32), *(jnp.where(counts, x, 0.0).sum() for x in (returns, returns**2)))
     n, first, second = mean(sums)
     n = jnp.maximum(n, 1.0)
-    new = scale.updated(first / n, second / n)
+    new = finite_or(scale.updated(first / n, second / n), scale)
     (mean_was, std_was), (mean_is, std_is) = scale.moments, new.moments
 
     def corrected(head: dict[str, jax.Array]) -> dict[str, jax.Array]:
@@ -195,15 +203,17 @@ def _order(key: jax.Array, first: jax.Array, groups: int, n_rows: int, config: T
 def metrics_of(
     network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean, n_devices: int
 ) -> dict[str, jax.Array]:
-    """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it."""
+    """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it; NaN where none counts."""
     over: dict[str, tuple[jax.Array, jax.Array]] = {}
     done = batch.last & ~batch.visited
+    counted = {"episodes": batch.last, "whole_episodes": done, "faults": batch.fault}
     for i, (team, _) in enumerate(network.teams):
         mine = network.team_index == i
         acts, counts = batch.acts & mine, batch.counts & mine
         over[f"reward_{team}"] = (jnp.where(acts, batch.reward, 0.0).sum(), acts.sum())
         ended = counts & done[..., None]
         over[f"return_{team}"] = (jnp.where(ended, batch.total, 0.0).sum(), ended.sum())
+        counted[f"ended_{team}"] = ended
         error, spread = (jnp.where(counts, x, 0.0) for x in (returns - value, returns))
         n = counts.sum()
         for name, x in (("error", error), ("error_square", error**2), ("target", spread), ("square", spread**2)):
@@ -213,11 +223,10 @@ def metrics_of(
             x = x.reshape(*done.shape, -1).astype(jnp.float32).mean(-1)
             over[f"episode_{name}"] = (jnp.where(done, x, 0.0).sum(), done.sum())
     sums = mean({name: tuple(jnp.asarray(x, jnp.float32) for x in pair) for name, pair in over.items()})
-    means = {name: total / jnp.maximum(n, 1e-9) for name, (total, n) in sums.items()}
+    means = {name: total / n for name, (total, n) in sums.items()}
     for team, _ in network.teams:
         error = means.pop(f"error_square {team}") - means.pop(f"error {team}") ** 2
         spread = means.pop(f"square {team}") - means.pop(f"target {team}") ** 2
         means[f"explained_{team}"] = 1 - error / jnp.maximum(spread, 1e-8)
     # What is counted on each device is averaged over them.
-    counted = {"episodes": batch.last, "faults": batch.fault}
     return means | mean({name: n_devices * x.sum(dtype=jnp.float32) for name, x in counted.items()})

@@ -44,7 +44,7 @@ from maax_mjx.wrappers.split import declared_table
 T = TypeVar("T")
 
 BROKEN = 10
-"""Updates in a row that are not finite, after which a run stops."""
+"""Iterations in a row none of whose updates is finite, after which a run stops."""
 LEAST_SECONDS = 10.0
 """Between two drawings of the curves."""
 
@@ -222,17 +222,18 @@ class Trainer:
                     self.folder.draw()
                     drawn = time.perf_counter()
         finally:
-            if progress is not None and not int(self.learner.broken):
+            if progress is not None:
                 self.save()
                 self.folder.draw(finished=True)
             self.folder.close()
         return Run(self.folder.path, self.policy, progress)
 
     def save(self) -> None:
-        """Saves everything: the run goes on from here."""
+        """Saves everything: the run goes on from here; in new worlds, where something in these was not finite."""
         self.folder.keep(self.policy)
         saves = Checkpoints(self.folder.path / SAVES)
-        if self.config.save_worlds and (saves.latest is None or saves.latest < self.iteration):
+        sound = self.config.save_worlds and not int(self.learner.broken)
+        if sound and (saves.latest is None or saves.latest < self.iteration):
             counts = _counts(self.steps, self.seconds)
             memory = _parts(self.memory)
             saves.save(self.iteration, self.worlds, self.states, learner=self.learner, memory=memory, counts=counts)
@@ -265,8 +266,8 @@ class Trainer:
         self.folder.note(self._counters() | progress.metrics)
         if int(self.learner.broken) >= BROKEN:
             raise FloatingPointError(
-                f"train: {BROKEN} updates in a row were not finite, the first array that is not: {self._not_finite()}; "
-                f"{self.folder.path} has the last good save"
+                f"train: {BROKEN} iterations in a row had no update that is finite, the first array that is not: "
+                f"{self._not_finite()}; {self.folder.path} has what was learnt before"
             )
         if self.iteration % league.every == 0:
             self._keep_past()

@@ -53,7 +53,10 @@ class TrainedPolicy(ABC):
             ValueError: a policy of a game that `maax.make` did not make, or what `maax.make` refuses.
         """
         if self.game is None:
-            raise ValueError("make_env: got a policy of an environment of one's own; takes one of a registered game")
+            raise ValueError(
+                "make_env: got a policy of an environment of one's own; takes one of a registered game. What plays it "
+                "takes that environment: training.evaluate(policy, env=env)"
+            )
         try:
             config = type(config_of(self.game["game"]))
         except ValueError as error:

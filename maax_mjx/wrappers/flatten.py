@@ -16,6 +16,7 @@ from maax_mjx.core.describe import Description
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 from maax_mjx.wrappers.critic import CriticObservations
+from maax_mjx.wrappers.ego import EgocentricObservations
 from maax_mjx.wrappers.split import SplitObservations, declared_table
 from maax_mjx.wrappers.wrapper import ObservationWrapper, find
 
@@ -68,6 +69,7 @@ class FlattenObservations(ObservationWrapper):
     """
 
     requires = (SplitObservations,)
+    follows = (CriticObservations, EgocentricObservations)
 
     def __init__(self, env: Environment):
         super().__init__(env)

@@ -21,7 +21,7 @@ class Reach:
 
     Args:
         wrapper: wrapper of the mechanic.
-        objects: names of the modules.
+        objects: names of the modules; None is boxes and ramps, if there are any.
         radius: metres from an agent's centre to an object's surface.
         in_vision_only: whether objects that an agent did not see after the previous step are out of its reach.
 
@@ -33,13 +33,15 @@ class Reach:
         ValueError: an unknown module; vision without a `LineOfSight` that sees its objects.
     """
 
-    def __init__(self, wrapper: Wrapper, objects: Sequence[str], radius: float, in_vision_only: bool):
+    def __init__(self, wrapper: Wrapper, objects: Sequence[str] | None, radius: float, in_vision_only: bool):
         self._base = wrapper.base
-        self.modules = self._base.objects(objects)
+        names = self._base.usual_objects if objects is None else objects
+        self.modules = self._base.objects(names)
         self.n = sum(module.n_max for module in self.modules)
         if not self.n:
             raise ValueError(
-                f"objects: got {list(objects)}, which hold no objects; takes others, or leave the mechanic out"
+                f"objects: got {list(names)}, which hold no objects; takes others, or leave "
+                f"{type(wrapper).__name__} out"
             )
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None

@@ -52,7 +52,8 @@ class LineOfSight(_Senses):
     Args:
         env: environment to wrap.
         cone: full angle of the cone in radians; 135 degrees by default.
-        objects: names of the modules that agents can see in addition to agents: of objects, or of marks on the floor.
+        objects: names of the modules that agents can see in addition to agents: of objects, or of marks on the floor;
+            None is boxes and ramps, if there are any.
         between: "centres", or "corners" for a cone that is measured between the lower corners of things as they stand
             unturned, as in the published code, whose positions are these; rays then go to the middle of a ramp's wedge,
             where MuJoCo has its mesh, instead of the middle of its box.
@@ -67,13 +68,14 @@ class LineOfSight(_Senses):
         self,
         env: Environment,
         cone: float = CONE,
-        objects: Sequence[str] = ("box", "ramp"),
+        objects: Sequence[str] | None = None,
         between: str = "centres",
     ):
         super().__init__(env)
         self.between = check_choice("between", between, BETWEEN)
         self.half_cone = check_value("cone", cone, Cone) / 2
-        modules: list[Entities | Sites] = [self.base.agents, *self.base.objects_and_sites(objects)]
+        names = self.base.usual_objects if objects is None else objects
+        modules: list[Entities | Sites] = [self.base.agents, *self.base.objects_and_sites(names)]
         self.modules = [module for module in modules if module.n_max]
 
     @property

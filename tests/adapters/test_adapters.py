@@ -243,6 +243,7 @@ def test_a_trained_policy_plays_the_others(env, tmp_path):
         ({"team": "seekers", "policy": "self"}, "policy: got 'self'"),
         ({"team": "seekers"}, "policy: got None with the team 'seekers'"),
         ({"policy": "random"}, "policy: got 'random' with the team None"),
+        ({"team": "seeker"}, "team: got 'seeker'"),
         ({"team": "seeker", "policy": "random"}, "team: got 'seeker'; did you mean 'seekers'"),
         (
             {"team": "seekers", "policy": "rando"},

@@ -50,6 +50,18 @@ def echo(horizon=4, impl="c"):
     return maax.SplitObservations(Echo(env))
 
 
+class Unpaid(maax.RewardWrapper):
+    """Pays what is not a number."""
+
+    def reward(self, state):
+        return jnp.full(self.base.n_agents, jnp.nan)
+
+
+def unpaid():
+    """The game of `Echo`, with rewards that are not numbers."""
+    return Unpaid(echo())
+
+
 @dataclass(frozen=True)
 class EchoConfig:
     """Fields of the registered game "echo"."""

@@ -43,3 +43,12 @@ def test_steps_of_earlier_calls_are_no_speed():
         bar.of(TRAINER)
         assert bar._bar.format_dict["n"] == bar._bar.format_dict["initial"] == 1000
         assert not bar._bar.format_dict["rate"]
+
+
+def test_returns_of_no_episode_are_not_shown():
+    metrics = {"return_a": 2.0, "return_b": float("nan"), "episode_caught": float("nan"), "episodes": 1.0}
+    with training.Bar(minutes=10) as bar:
+        bar.of(TRAINER)(training.Progress(2, 2000, 120.0, metrics))
+        assert bar._bar.postfix == "a +2, 9.0 min left"
+        bar.of(TRAINER)(training.Progress(3, 3000, 120.0, metrics | {"broken": 0.5}))
+        assert "50% of the updates not finite" in bar._bar.postfix

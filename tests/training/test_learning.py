@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import seeds
-from helpers.toys import echo
+from helpers.toys import echo, unpaid
 
 import maax_mjx as maax
 from maax_mjx.training import NetConfig, PPOConfig, TrainConfig
@@ -173,6 +173,28 @@ def test_an_update_that_is_not_finite_is_skipped_and_counted(played, updated):
     assert float(info["broken"]) == 0
     assert int(again.broken) == 0
     assert not jax.tree.all(jax.tree.map(np.array_equal, weights, again.weights))
+
+
+@pytest.mark.slow
+def test_rewards_that_are_not_numbers_cost_the_updates_of_their_iteration_alone(worlds, start):
+    """They must not get into the scale of the critics or their last layers, which no update mends."""
+    config = settings("none")
+    config = replace(config, net=replace(config.net, norm="running"))
+    network = Network.of(worlds.env, config.net)
+    bad = maax.Worlds(unpaid(), N, donate=False)
+    before = new_learner(network.draw(seeds.key(0)), config)
+    args = None, seeds.key(1), bad.reset(seeds.key(0)), Remembered(network.memory(N), ())
+    after, _, _, metrics = compile_iteration(bad, network, config)(jax.tree.map(jnp.copy, before), *args)
+    assert (float(metrics["broken"]), int(after.broken)) == (1.0, 1)
+    assert jax.tree.all(jax.tree.map(np.array_equal, before.scale, after.scale))
+    assert jax.tree.all(jax.tree.map(np.allclose, before.weights.critic, after.weights.critic))
+    assert jax.tree.all(jax.tree.map(np.array_equal, before.weights.actor, after.weights.actor))
+    iterate = compile_iteration(worlds, network, config)
+    again, _, _, metrics = iterate(
+        after, None, seeds.key(2), jax.tree.map(jnp.copy, start), Remembered(network.memory(N), ())
+    )
+    assert (float(metrics["broken"]), int(again.broken)) == (0.0, 0)
+    assert jax.tree.all(jax.tree.map(lambda x: bool(jnp.isfinite(x).all()), again))
 
 
 def test_microbatches_change_nothing(played, updated):

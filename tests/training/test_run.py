@@ -180,6 +180,19 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_run_whose_updates_are_never_finite_stops_and_keeps_what_was_learnt(tmp_path):
+    broken = training.Trainer(toys.unpaid(), tmp_path / "run", "laptop", N, **(SMALL | {"visited.share": 0.0}))
+    with pytest.raises(FloatingPointError, match=r"10 iterations in a row .* is finite.*has what was learnt before"):
+        broken.run(steps=20 * PER_ITERATION)
+    rows = broken.folder.rows()
+    assert [row["broken"] for row in rows] == [1.0] * 10
+    policy = training.Policy.load(tmp_path / "run")
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(policy.params))
+    again = training.Trainer(toys.unpaid(), tmp_path / "run", "laptop", N, **(SMALL | {"visited.share": 0.0}))
+    assert again.goes_on_in_new_worlds
+
+
+@pytest.mark.slow
 def test_a_damaged_save_is_named(run, tmp_path):
     """With what to do about it, whatever of it is missing."""
     copy = shutil.copytree(run[1].folder, tmp_path / "run")

@@ -37,6 +37,14 @@ REFUSED = {
         lambda e: maax.LockObjects(maax.FlattenObservations(maax.SplitObservations(e))),
         'maax.make("...", inside={"SplitObservations": maax.LockObjects})',
     ),
+    "ego around flat observations": (
+        lambda e: maax.EgocentricObservations(maax.FlattenObservations(maax.SplitObservations(e))),
+        "EgocentricObservations: env has FlattenObservations already; wrap with EgocentricObservations before it",
+    ),
+    "a critic around flat observations": (
+        lambda e: maax.CriticObservations(maax.FlattenObservations(maax.SplitObservations(e))),
+        "CriticObservations: env has FlattenObservations already; wrap with CriticObservations before it",
+    ),
     "agents as objects": (
         lambda e: maax.GrabObjects(e, ["agent"]),
         "objects: got 'agent'; takes one of ['box', 'ramp']",

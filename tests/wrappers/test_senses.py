@@ -161,3 +161,17 @@ def test_mistakes(call, message):
     with pytest.raises(ValueError) as error:  # noqa: PT011
         call(maax.make("standard"))
     assert message in str(error.value)
+
+
+def test_mechanics_are_about_the_boxes_and_ramps_that_there_are():
+    env = maax.Base(2)
+    env.add_module(maax.Agents(2))
+    env.add_module(maax.Boxes(1))
+    env = maax.GrabObjects(maax.LockObjects(maax.TeamMembership(maax.LineOfSight(env), {"a": 1, "b": 1})))
+    assert env.inner(maax.LineOfSight).senses == ("sees_agent", "sees_box")
+    assert (env.n_grabbable, env.inner(maax.LockObjects).n_lockable) == (1, 1)
+    empty = maax.Base(2)
+    empty.add_module(maax.Agents(2))
+    assert maax.LineOfSight(empty).senses == ("sees_agent",)
+    with pytest.raises(ValueError, match=r"objects: got \[\], which hold no objects; .* leave GrabObjects out"):
+        maax.GrabObjects(empty)

@@ -47,7 +47,8 @@ class GrabObjects(Wrapper):
 
     Args:
         env: environment to wrap; a copy of it gets the constraints of the holds.
-        objects: names of the modules whose objects can be grabbed: "box", "ramp", "cylinder", or your own.
+        objects: names of the modules whose objects can be grabbed: "box", "ramp", "cylinder", or your own; None is
+            boxes and ramps, if there are any.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
         exclusive: whether only one agent, the nearest, can hold an object.
         selective: whether agents choose objects by index; otherwise they take the nearest.
@@ -65,7 +66,7 @@ class GrabObjects(Wrapper):
     def __init__(
         self,
         env: Environment,
-        objects: Sequence[str] = ("box", "ramp"),
+        objects: Sequence[str] | None = None,
         radius: float = 0.25,
         exclusive: bool = False,
         selective: bool = False,

@@ -63,7 +63,8 @@ class LockObjects(Wrapper):
 
     Args:
         env: environment to wrap; a copy of it gets the constraints of the locks.
-        objects: names of the modules whose objects can be locked: "box", "ramp", "cylinder", or your own.
+        objects: names of the modules whose objects can be locked: "box", "ramp", "cylinder", or your own; None is
+            boxes and ramps, if there are any.
         lock_type: one of the lock types above.
         radius: metres from an agent's centre to the object's surface, as an oriented box.
         method: "equality" holds the pose, and joints inside of objects, with equality constraints, "joint_range" with
@@ -85,7 +86,7 @@ class LockObjects(Wrapper):
     def __init__(
         self,
         env: Environment,
-        objects: Sequence[str] = ("box", "ramp"),
+        objects: Sequence[str] | None = None,
         lock_type: str = "team",
         radius: float = 0.25,
         method: str = "equality",
