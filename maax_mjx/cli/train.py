@@ -30,7 +30,7 @@ FILES = (RUN, METRICS, CURVES, POLICY, f"{PAST}/", f"{SAVES}/", f"{SMALL}/", f"{
 """What a folder may have, as the result names it."""
 RECENT = 20
 """Iterations, at the end of a call, over whose episodes the result's means are: those of a single one are noise."""
-CAUGHT, RETURN, ENDED = "episode_caught", "return_", "ended_"
+CAUGHT, RETURN, ENDED, WHOLE = "episode_caught", "return_", "ended_", "whole_episodes"
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
 
@@ -201,10 +201,7 @@ def _result(
         return {"folder": str(run.folder), "steps": run.policy.steps, "files": files}
     # From the end of the first iteration, which compiles and counts as no time.
     steps, seconds = made[-1].steps - made[0].steps, made[-1].seconds - made[0].seconds
-    episodes = [p.metrics.get("episodes", 0.0) for p in recent]
-    counts = {CAUGHT: "whole_episodes"} | {
-        name: name.replace(RETURN, ENDED) for name in now.metrics if name.startswith(RETURN)
-    }
+    counts = {CAUGHT: WHOLE} | {name: name.replace(RETURN, ENDED) for name in now.metrics if name.startswith(RETURN)}
     return {
         "folder": str(run.folder),
         "iterations": now.iteration,
@@ -212,7 +209,7 @@ def _result(
         "minutes": round(now.seconds / 60, 2),
         "env_steps_per_s": round(steps / seconds) if seconds else None,
         "recent_iterations": len(recent),
-        "recent_episodes": round(sum(episodes)),
+        "recent_episodes": round(sum(p.metrics[WHOLE] for p in recent)),
         "broken_updates": round(sum(p.metrics["broken"] for p in recent) / len(recent), 3),
         **{name: _mean(recent, name, by) for name, by in counts.items() if name in now.metrics},
         "files": files,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -12,7 +13,10 @@ cli = import_module("maax_mjx.cli.train")  # the package has the function of tha
 
 def progress(i, seconds, episodes, caught, **speed):
     """A run of 100 steps an iteration, 50 of them before this call."""
-    metrics = {"episodes": episodes, "return_hiders": -10 * caught, "episode_caught": caught, **speed}
+    counts = {"episodes": episodes + 1, "whole_episodes": episodes, "ended_hiders": 2 * episodes, "broken": 0.0}
+    if not episodes:
+        caught = math.nan
+    metrics = {**counts, "return_hiders": -10 * caught, "episode_caught": caught, **speed}
     return training.Progress(50 + i, 100 * (50 + i), 600.0 + seconds, metrics)
 
 
@@ -41,6 +45,19 @@ def test_what_a_single_iteration_does_not_tell_is_no_number(tmp_path):
     assert rows["speed"] == "not measured: one iteration, which compiled"
     assert rows["mean return"] == "none: no episode ended in the last iteration"
     assert "caught" not in rows
+
+
+def test_means_are_over_what_counted_and_updates_that_were_skipped_are_told(tmp_path):
+    """Where past opponents played the hiders in all episodes there is no number for them."""
+    mine, theirs = progress(1, 0.0, 3.0, 0.2), progress(2, 1.0, 1.0, 0.6, ended_hiders=0.0, return_hiders=math.nan)
+    result, rows = ended(tmp_path, mine, theirs)
+    assert (result["return_hiders"], result["episode_caught"]) == (-2.0, 0.3)
+    assert "skipped" not in rows
+    theirs.metrics["broken"] = 0.25
+    result, rows = ended(tmp_path, theirs)
+    assert result["return_hiders"] is None
+    assert rows["mean return"] == "hiders none for each agent, of the one episode that ended in the last iteration"
+    assert rows["skipped"] == "25.0% of the updates in the last iteration: not finite, as of NaN in a reward"
 
 
 def test_nothing_gained_has_no_minus(tmp_path):
