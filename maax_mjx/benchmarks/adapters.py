@@ -22,7 +22,7 @@ from gymnasium.vector.utils import batch_space
 import maax_mjx as maax
 from maax_mjx import adapters
 from maax_mjx.adapters.agents import PerAgent
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import OneOf, PositiveCount
 
@@ -52,7 +52,7 @@ class Config(Options):
     """
 
     env: tuple[str, ...] = ("tag",)
-    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("c",)
+    impl: tuple[Impl, ...] = ("c",)
     worlds: tuple[PositiveCount, ...] = (64, 1024)
     way: tuple[Annotated[str, OneOf(WAYS)], ...] = WAYS
     steps: PositiveCount = 200

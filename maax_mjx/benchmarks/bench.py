@@ -7,17 +7,21 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import tyro
 from tqdm import tqdm
 
 from maax_mjx.benchmarks import record
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.annotated import Positive, check_fields
+from maax_mjx.common.annotated import OneOf, Positive, check_fields
 from maax_mjx.common.options import NUMBERS, parsed
 from maax_mjx.common.progress import progress
+from maax_mjx.physics import impls
 from maax_mjx.tasks.registry import check_game
+
+Impl = Annotated[str, OneOf(impls)]
+"""An engine's name, of those that are registered."""
 
 
 @dataclass

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Annotated, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +20,9 @@ import optax
 
 import maax_mjx as maax
 from maax_mjx import training
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.annotated import Count, OneOf, Positive, PositiveCount
+from maax_mjx.common.annotated import Count, Positive, PositiveCount
 from maax_mjx.core.env import Environment
 from maax_mjx.training.begin import taken_over
 from maax_mjx.training.network import Network
@@ -58,7 +58,7 @@ class Config(Options):
     updates: PositiveCount = 500
     lr: Positive = 3e-3
     decay: Positive = 1e-3
-    impl: Annotated[str, OneOf(("auto", "c", "jax", "warp"))] = "auto"
+    impl: Impl = "auto"
 
     def check(self) -> None:
         super().check()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,9 +23,9 @@ from gymnasium import spaces
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.bench import Command, Options, fill
+from maax_mjx.benchmarks.bench import Command, Impl, Options, fill
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.annotated import OneOf, PositiveCount
+from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.common.checks import check_choice
 from maax_mjx.common.progress import progress
 from maax_mjx.parallel import WorldsState
@@ -113,7 +113,7 @@ class Config(Options):
     """
 
     games: tuple[str, ...] = ()
-    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("c",)
+    impl: tuple[Impl, ...] = ("c",)
     worlds: PositiveCount = 1000
     steps: PositiveCount = 1000
     held: tuple[PositiveCount, ...] = (1, 20, 100, 1000)

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated
 
 from maax_mjx import training
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
-from maax_mjx.common.annotated import OneOf, PositiveCount
+from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.training.evaluate import SELF, Evaluation, seated
 
 
@@ -31,7 +30,7 @@ class Config(Options):
     policies: tuple[str, ...] = ("tag/trained",)
     against: tuple[str, ...] = ("random", "still", "chase", "tag", "capture_the_flag", SELF)
     episodes: PositiveCount = 512
-    impl: Annotated[str, OneOf(("auto", "c", "jax", "warp"))] = "auto"
+    impl: Impl = "auto"
 
 
 @dataclass(frozen=True)

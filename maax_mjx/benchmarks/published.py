@@ -18,7 +18,7 @@ from scipy import stats
 
 import maax_mjx as maax
 from maax_mjx.benchmarks import published_oracle as oracle
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.published_oracle import CELL, FULL, QUADRANT, Starts
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import Count, OneOf, PositiveCount
@@ -45,7 +45,7 @@ class Config(Options):
     env: tuple[Annotated[str, OneOf((QUADRANT, FULL))], ...] = (QUADRANT, FULL)
     worlds: PositiveCount = 4000
     seed: Count = 0
-    impl: Annotated[str, OneOf(("auto", "c", "jax", "warp"))] = "auto"
+    impl: Impl = "auto"
 
     def check(self) -> None:
         super().check()

@@ -20,7 +20,7 @@ from flax import struct
 import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.benchmarks import record
-from maax_mjx.benchmarks.bench import Command, Options
+from maax_mjx.benchmarks.bench import Command, Impl, Options
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.common.progress import progress
@@ -55,7 +55,7 @@ class Config(Options):
     """
 
     env: str | None = None
-    impl: str = "warp"
+    impl: Impl = "warp"
     worlds: PositiveCount = 16_384
     physics_steps: float = 1e9
     policy: str | None = None

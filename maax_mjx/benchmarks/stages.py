@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from maax_mjx import training
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import OneOf, PositiveCount
 from maax_mjx.common.options import value_of
@@ -62,7 +62,7 @@ class Config(Options):
     change: tuple[str, ...] = ()
     episodes: PositiveCount = 1024
     past: bool = True
-    impl: Annotated[str, OneOf(("auto", "c", "jax", "warp"))] = "auto"
+    impl: Impl = "auto"
 
     def check(self) -> None:
         super().check()

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 import maax_mjx as maax
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import Roll, bare_roll, draw_actions, env_roll
 from maax_mjx.common.annotated import OneOf, PositiveCount
@@ -52,7 +52,7 @@ class Config(Options):
     """
 
     env: tuple[str, ...] = ("standard",)
-    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("c", "jax")
+    impl: tuple[Impl, ...] = ("c", "jax")
     worlds: tuple[PositiveCount, ...] = (256,)
     steps: PositiveCount = 1200
     max_world_steps: float = 2e7

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 import maax_mjx as maax
 from maax_mjx import training
-from maax_mjx.benchmarks.bench import Options, benchmark
+from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import draw_actions, env_roll
 from maax_mjx.common.annotated import OneOf, PositiveCount
@@ -55,7 +55,7 @@ class Config(Options):
     """
 
     env: tuple[str, ...] = ("hide_and_seek_quadrant",)
-    impl: tuple[Annotated[str, OneOf(("auto", "c", "jax", "warp"))], ...] = ("auto",)
+    impl: tuple[Impl, ...] = ("auto",)
     worlds: tuple[PositiveCount, ...] = (1024,)
     devices: tuple[PositiveCount, ...] = (1,)
     part: tuple[Annotated[str, OneOf(PARTS)], ...] = PARTS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -217,10 +218,11 @@ def _result(
 
 
 def _mean(recent: Sequence[training.Progress], name: str, by: str) -> float | None:
-    """The mean of a number over what counted for it; None if nothing did."""
+    """The mean of a number over what counted for it; None if nothing did, or if it is not finite."""
     told = [p.metrics for p in recent if p.metrics[by]]
     total = sum(metrics[by] for metrics in told)
-    return round(sum(metrics[name] * metrics[by] for metrics in told) / total, 3) if told else None
+    mean = sum(metrics[name] * metrics[by] for metrics in told) / total if told else math.nan
+    return round(mean, 3) if math.isfinite(mean) else None
 
 
 def _rows(result: Mapping[str, Any]) -> dict[str, str]:
