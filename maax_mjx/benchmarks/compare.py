@@ -135,7 +135,8 @@ def curve_of(rows: Sequence[dict[str, Any]], name: str, every: int) -> list[tupl
         inside = [row for row in rows if -(-row["steps"] // every) == part and row[name] is not None]
         if not inside:
             continue
-        mean = np.average([row[name] for row in inside], weights=[row["episodes"] for row in inside])
+        counts = [row.get("whole_episodes", row["episodes"]) for row in inside]
+        mean = np.average([row[name] for row in inside], weights=counts)
         points.append((inside[-1]["steps"], round(float(mean), 4)))
     return points
 
@@ -145,7 +146,8 @@ HEADER = "run                          steps   minutes   chase after   then"
 
 def line(row: Row) -> str:
     """A row of the table."""
-    last = ", ".join(f"{name.removeprefix('episode_')} {curve[-1][1]:.3f}" for name, curve in row.curves.items())
+    ends = {name.removeprefix("episode_"): curve[-1][1] for name, curve in row.curves.items() if curve}
+    last = ", ".join(f"{name} {x:.3f}" for name, x in ends.items())
     chase = "never" if row.chase is None else f"{row.chase:,}"
     return f"{row.run[:20]:20} {row.steps:13,} {row.minutes:9.1f} {chase:>13}   {last}"
 

@@ -171,7 +171,7 @@ def line(row: Row) -> str:
     shown = (row.numbers.get(name) for name in SHOWN)
     cells = (f"{x[0]:.3f} ± {x[1]:.3f}" if x else "" for x in shown)
     begin = f"{row.run[:12]:12} {row.steps:11,} {row.minutes:5.1f}  {row.without:20} {row.against:7} "
-    return begin + " ".join(f"{cell:>14}" for cell in cells) + (f"  {row.stage}" if row.stage else "")
+    return begin + " ".join(f"{cell:>14}" for cell in cells) + "".join(f"  {x}" for x in (row.stage, row.changed) if x)
 
 
 COMMAND = benchmark(Config, Row, cases, measure, line, HEADER)

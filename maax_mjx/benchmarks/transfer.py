@@ -189,8 +189,9 @@ Points = Sequence[tuple[float, float, float]]
 
 
 def returns_of(rows: Sequence[dict[str, Any]]) -> Points:
-    """Returns of the iterations in which episodes ended."""
-    return [(row["steps"], row[RETURN], row["episodes"]) for row in rows if row["episodes"] and row[RETURN] is not None]
+    """Returns of the iterations in which episodes ended that count."""
+    counted = [row for row in rows if row["episodes"] and row[RETURN] is not None]
+    return [(row["steps"], row[RETURN], row.get("ended_hiders", row["episodes"])) for row in counted]
 
 
 def weighted(points: Points | np.ndarray) -> float:

@@ -11,7 +11,7 @@ import tyro
 
 from maax_mjx import training
 from maax_mjx.cli.interrupt import Interrupt
-from maax_mjx.cli.options import Seed, names, values_of
+from maax_mjx.cli.options import Seed, names, on_engine, values_of
 from maax_mjx.common.annotated import Bounds, check_fields
 from maax_mjx.physics import impls
 
@@ -46,7 +46,7 @@ def evaluate(args: Evaluate, overrides: Mapping[str, str]) -> None:
         overrides: values of the game's config fields, as texts.
 
     Raises:
-        ValueError: what `training.evaluate` refuses.
+        ValueError: two engines, or what `training.evaluate` refuses.
     """
     check_fields(args)
     policy = training.player_of("policy", args.policy)
@@ -57,6 +57,6 @@ def evaluate(args: Evaluate, overrides: Mapping[str, str]) -> None:
         )
     with Interrupt():
         fields = values_of(policy.game["game"], overrides) if policy.game else {}
-        env = policy.make_env(impl=args.impl, **fields)
+        env = policy.make_env(**on_engine(args.impl, fields))
         found = training.evaluate(policy, args.against, args.episodes, env, seed=args.seed, bar=True)
     print(json.dumps(training.as_json(found), indent=1) if args.json else found, flush=True)

@@ -17,10 +17,11 @@ from maax_mjx.core.env import Environment
 from maax_mjx.tasks import is_in_a_file
 from maax_mjx.tasks.brought import is_same_game
 from maax_mjx.tasks.config import inner_config
+from maax_mjx.training.run import NotFiniteError
 from maax_mjx.training.trained import TrainedPolicy
 
 ENV = "--env."
-MISTAKES = (ValueError, OSError, MemoryError, FloatingPointError, maax.MissingLibraryError)
+MISTAKES = (ValueError, OSError, MemoryError, NotFiniteError, maax.MissingLibraryError)
 Seed = Annotated[int, Bounds(0, LONG)]
 
 
@@ -99,12 +100,21 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
         ValueError: an unknown field, or two engines.
     """
     fields = values_of(name, overrides)
-    if impl not in ("auto", fields.get("impl", impl)):
-        raise ValueError(f"impl: got --impl {impl} and {ENV}impl {fields['impl']}; takes one of them")
     # A game's config may leave the engine to the game.
     if impl != "auto" or hasattr(maax.config_of(name), "impl"):
-        fields = {"impl": impl, **fields}
+        fields = on_engine(impl, fields)
     return maax.config_of(name, **fields)
+
+
+def on_engine(impl: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the fields of a config with the engine of --impl.
+
+    Raises:
+        ValueError: they name another one.
+    """
+    if impl not in ("auto", fields.get("impl", impl)):
+        raise ValueError(f"impl: got --impl {impl} and {ENV}impl {fields['impl']}; takes one of them")
+    return {"impl": impl, **fields}
 
 
 def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:

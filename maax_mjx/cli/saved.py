@@ -25,7 +25,8 @@ def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recordin
         overrides: values of its config's fields, as texts.
         recording: the recording.
     """
-    write(path, {"maax_mjx": maax.__version__, "env": env, "overrides": dict(overrides)}, recording)
+    fields = {name: value for name, value in overrides.items() if name != "impl"}  # pictures are the same on any
+    write(path, {"maax_mjx": maax.__version__, "env": env, "overrides": fields}, recording)
 
 
 def load(path: Path) -> tuple[Environment, Recording]:

@@ -202,7 +202,8 @@ def _result(
         return {"folder": str(run.folder), "steps": run.policy.steps, "files": files}
     # From the end of the first iteration, which compiles and counts as no time.
     steps, seconds = made[-1].steps - made[0].steps, made[-1].seconds - made[0].seconds
-    counts = {CAUGHT: WHOLE} | {name: name.replace(RETURN, ENDED) for name in now.metrics if name.startswith(RETURN)}
+    returns = [name for name in now.metrics if name.startswith(RETURN)]
+    counts = {CAUGHT: WHOLE} | {name: ENDED + name.removeprefix(RETURN) for name in returns}
     return {
         "folder": str(run.folder),
         "iterations": now.iteration,
@@ -211,7 +212,7 @@ def _result(
         "env_steps_per_s": round(steps / seconds) if seconds else None,
         "recent_iterations": len(recent),
         "recent_episodes": round(sum(p.metrics[WHOLE] for p in recent)),
-        "broken_updates": round(sum(p.metrics["broken"] for p in recent) / len(recent), 3),
+        "broken_updates": sum(p.metrics["broken"] for p in recent) / len(recent),
         **{name: _mean(recent, name, by) for name, by in counts.items() if name in now.metrics},
         "files": files,
     }
@@ -249,7 +250,7 @@ def _rows(result: Mapping[str, Any]) -> dict[str, str]:
         if result.get(CAUGHT) is not None:
             rows["caught"] = f"in {result[CAUGHT]:g} of the steps after preparation, in these episodes"
     else:
-        rows["mean return"] = f"none: no episode ended in {over}"
+        rows["mean return"] = f"none: no whole episode ended in {over}"
     if result["broken_updates"]:
-        rows["skipped"] = f"{result['broken_updates']:.1%} of the updates in {over}: not finite, as of NaN in a reward"
+        rows["skipped"] = f"{result['broken_updates']:.2g} of the updates in {over}: not finite, as of NaN in a reward"
     return rows | {"files": result["files"]}

@@ -164,7 +164,12 @@ class Composition:
     @property
     def usual_objects(self) -> list[str]:
         """Names of the modules of boxes and of ramps, as far as there are any: what mechanics are about by default."""
-        return [name for name, m in self._modules.items() if name in ("box", "ramp") and _is_object(m)]
+        return [name for name in ("box", "ramp") if name in self.movable]
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the modules whose objects can move, but for the agents."""
+        return [m.name for m in self._modules.values() if _is_object(m)]
 
     @property
     def sites(self) -> dict[str, Sites]:

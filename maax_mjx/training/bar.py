@@ -84,7 +84,7 @@ def _words(now: Progress, stage: str, left: float | None) -> str:
         words.append(f"caught {numbers['episode_caught']:.2f}")
     returns = {name: x for name, x in numbers.items() if name.startswith("return_") and math.isfinite(x)}
     words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in returns.items()]
-    words += [f"{numbers['broken']:.0%} of the updates not finite"] if numbers.get("broken") else []
+    words += [f"{numbers['broken']:.2g} of the updates not finite"] if numbers.get("broken") else []
     words += [stage] if stage else []
     if left is not None:
         words.append(f"{left:.1f} min left")

@@ -121,7 +121,7 @@ def iterate(
     gain = advantages(batch.reward, value, after, end, last, fault, ppo.gamma, ppo.lam)
     returns = gain + value
     if share:
-        score = jnp.nan_to_num(surprise(gain[0], batch.counts[0])[where])
+        score = jnp.nan_to_num(surprise(gain[0], batch.counts[0])[where], posinf=0.0)
         memory = memory.replace(archive=memory.archive.kept(seen, score, n_new, choose))
     scale, weights = _rescaled(scale, weights, returns, batch.counts, mean)
     gain = _standardised(gain, batch.acts, network, ppo.advantage, mean)
@@ -203,7 +203,7 @@ def _order(key: jax.Array, first: jax.Array, groups: int, n_rows: int, config: T
 def metrics_of(
     network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean, n_devices: int
 ) -> dict[str, jax.Array]:
-    """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it; NaN where none counts."""
+    """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it, 0 where none counts."""
     over: dict[str, tuple[jax.Array, jax.Array]] = {}
     done = batch.last & ~batch.visited
     counted = {"episodes": batch.last, "whole_episodes": done, "faults": batch.fault}
@@ -223,7 +223,7 @@ def metrics_of(
             x = x.reshape(*done.shape, -1).astype(jnp.float32).mean(-1)
             over[f"episode_{name}"] = (jnp.where(done, x, 0.0).sum(), done.sum())
     sums = mean({name: tuple(jnp.asarray(x, jnp.float32) for x in pair) for name, pair in over.items()})
-    means = {name: total / n for name, (total, n) in sums.items()}
+    means = {name: total / jnp.maximum(n, 1e-9) for name, (total, n) in sums.items()}
     for team, _ in network.teams:
         error = means.pop(f"error_square {team}") - means.pop(f"error {team}") ** 2
         spread = means.pop(f"square {team}") - means.pop(f"target {team}") ** 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -38,10 +39,16 @@ from maax_mjx.training.league import League, worlds_of_each
 from maax_mjx.training.learner import compile_iteration, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
+from maax_mjx.training.stages import PREFIX
 from maax_mjx.training.visited import Archive
 from maax_mjx.wrappers.split import declared_table
 
 T = TypeVar("T")
+
+
+class NotFiniteError(FloatingPointError):
+    """Rewards, observations or weights that are not finite end a run."""
+
 
 BROKEN = 10
 """Iterations in a row none of whose updates is finite, after which a run stops."""
@@ -254,7 +261,7 @@ class Trainer:
         self.learner, self.states, self.memory, given = self.worlds.run(self._iterate, *args)
         self.iteration += 1
         self.steps += (taken := self.config.worlds * self.config.ppo.unroll)
-        metrics = {name: float(x) for name, x in jax.device_get(given).items()}
+        metrics = without_the_empty({name: float(x) for name, x in jax.device_get(given).items()})
         # The teams in the game's order; JAX sorts names.
         metrics |= {name: metrics.pop(name) for team in self.env.teams if (name := f"return_{team}") in metrics}
         # From iteration to iteration, so that saves and curves count.
@@ -265,7 +272,7 @@ class Trainer:
         progress = Progress(self.iteration, self.steps, self.seconds, metrics | speed)
         self.folder.note(self._counters() | progress.metrics)
         if int(self.learner.broken) >= BROKEN:
-            raise FloatingPointError(
+            raise NotFiniteError(
                 f"train: {BROKEN} iterations in a row had no update that is finite, the first array that is not: "
                 f"{self._not_finite()}; {self.folder.path} has what was learnt before"
             )
@@ -341,10 +348,18 @@ class Trainer:
         elif small is not None:
             self.learner, numbers = small
             self.iteration, self.steps, self.seconds = (numbers[x] for x in ("iteration", "steps", "seconds"))
+        self.learner = self.learner.replace(broken=jnp.zeros_like(self.learner.broken))  # counted from here
         self.folder.forget(self.iteration)
         for steps, file in self.folder.past():
             if steps <= self.steps:
                 self.league.add(Policy.load(file).params)
+
+
+def without_the_empty(metrics: Mapping[str, float]) -> dict[str, float]:
+    """Returns an iteration's numbers with NaN for those of episodes where no episode counts for them."""
+    ended = {name.replace("ended_", "return_", 1): n for name, n in metrics.items() if name.startswith("ended_")}
+    whole = {name: metrics["whole_episodes"] for name in metrics if name.startswith(PREFIX)}
+    return {name: x if (ended | whole).get(name, 1.0) else math.nan for name, x in metrics.items()}
 
 
 def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:

@@ -40,8 +40,8 @@ class Reach:
         self.n = sum(module.n_max for module in self.modules)
         if not self.n:
             raise ValueError(
-                f"objects: got {list(names)}, which hold no objects; takes others, or leave "
-                f"{type(wrapper).__name__} out"
+                f"objects: got {list(names)}, which hold no objects; takes others of {self._base.movable}, or "
+                f"leave {type(wrapper).__name__} out"
             )
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None

@@ -8,7 +8,7 @@ import pytest
 from helpers import toys
 
 from maax_mjx import training
-from maax_mjx.benchmarks import learning, matches, stages, train_speed
+from maax_mjx.benchmarks import compare, learning, matches, stages, train_speed
 from maax_mjx.training import config
 
 
@@ -108,3 +108,14 @@ def test_opponents_that_cannot_play_a_game_are_left_out_and_unknown_ones_refused
     assert [(case.against, case.team) for case in matches.cases(config)] == [("tag", "players")]
     with pytest.raises(ValueError, match="against: got 'tagg'"):
         list(matches.cases(replace(config, against=("tagg",))))
+
+
+def test_curves_leave_out_iterations_in_which_nothing_counted():
+    rows = [
+        {"steps": 10, "episodes": 5.0, "whole_episodes": 1.0, "caught": 0.2},
+        {"steps": 20, "episodes": 5.0, "whole_episodes": 3.0, "caught": 0.6},
+        {"steps": 30, "episodes": 5.0, "whole_episodes": 0.0, "caught": None},
+        {"steps": 40, "episodes": 4.0, "caught": 0.9},  # of an older run
+    ]
+    assert compare.curve_of(rows, "caught", 20) == [(20, 0.5), (40, 0.9)]
+    assert compare.curve_of(rows[2:3], "caught", 20) == []

@@ -26,6 +26,7 @@ from maax_mjx.cli.options import apart, split_overrides
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
 from maax_mjx.common.options import number_of, value_of
+from maax_mjx.training.run import NotFiniteError
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +67,24 @@ def test_a_saved_rollout_is_what_was_played(played):
     assert recording.states.step[:, 0].tolist() == [recording.states.step[0, 0] + i for i in (0, 8, 16, 20)]
     heights = recording.states.data.xpos[:, :, env.base.agents.body_ids, 2]
     assert ((heights > 0.1) & (heights < 0.3)).all()
+
+
+def test_a_rollout_is_loaded_whatever_engine_it_was_played_on(played, tmp_path):
+    env, recording = load(played[0] / "rollout.npz")
+    fields = {"n_boxes": "1,2", "n_ramps": "0", "grab": "True", "scenario": "empty", "impl": "warp"}
+    saved.save(tmp_path / "other.npz", "hide_and_seek", fields, recording)
+    assert load(tmp_path / "other.npz")[0].base.engine.impl == env.base.engine.impl == "c"
+
+
+def test_a_run_that_is_never_finite_ends_in_one_sentence(monkeypatch, capsys):
+    def stopped(*_, **__):
+        raise NotFiniteError("train: 10 iterations in a row had no update that is finite")
+
+    monkeypatch.setattr(training, "Trainer", stopped)
+    with pytest.raises(SystemExit) as exited:
+        main(["train", "tag", "--steps=100"])
+    assert exited.value.code == 2
+    assert capsys.readouterr().err.startswith("maax-mjx: train: 10 iterations in a row")
 
 
 def damaged(data, rng):
@@ -205,6 +224,8 @@ def test_replay(played, kind, capsys):
         (["bench", "layouts", "--worlds", "0"], "worlds: got (0,); takes"),
         (["bench", "layouts", "--out", "."], "out: got ., which is a folder"),
         (["info", "quadrant/fort"], "did you mean 'quadrant/forts'"),
+        (["evaluate", "quadrant/chase", "--impl=jax", "--env.impl=c"], "impl: got --impl jax and --env.impl c"),
+        (["worlds", "--placement=middle:2", "--out=a.png"], "takes middle:FRACTION (fraction: got 2.0; takes"),
         (["evaluate", __file__], "test_cli.py', a Python file; takes a policy, its file"),
         (["info", "laptp"], "did you mean 'laptop'"),
         (["play", "tag", "--policy", "shelter"], "shelter: got a game without ShelterReward"),

@@ -43,7 +43,7 @@ def test_what_a_single_iteration_does_not_tell_is_no_number(tmp_path):
     result, rows = ended(tmp_path, progress(1, 0.0, 0.0, 0.0, compile_s=9.0))
     assert [result[name] for name in ("env_steps_per_s", "return_hiders", "episode_caught")] == [None] * 3
     assert rows["speed"] == "not measured: one iteration, which compiled"
-    assert rows["mean return"] == "none: no episode ended in the last iteration"
+    assert rows["mean return"] == "none: no whole episode ended in the last iteration"
     assert "caught" not in rows
 
 
@@ -57,7 +57,7 @@ def test_means_are_over_what_counted_and_updates_that_were_skipped_are_told(tmp_
     result, rows = ended(tmp_path, theirs)
     assert result["return_hiders"] is None
     assert rows["mean return"] == "hiders none for each agent, of the one episode that ended in the last iteration"
-    assert rows["skipped"] == "25.0% of the updates in the last iteration: not finite, as of NaN in a reward"
+    assert rows["skipped"] == "0.25 of the updates in the last iteration: not finite, as of NaN in a reward"
 
 
 def test_nothing_gained_has_no_minus(tmp_path):

@@ -51,4 +51,4 @@ def test_returns_of_no_episode_are_not_shown():
         bar.of(TRAINER)(training.Progress(2, 2000, 120.0, metrics))
         assert bar._bar.postfix == "a +2, 9.0 min left"
         bar.of(TRAINER)(training.Progress(3, 3000, 120.0, metrics | {"broken": 0.5}))
-        assert "50% of the updates not finite" in bar._bar.postfix
+        assert "0.5 of the updates not finite" in bar._bar.postfix

@@ -176,17 +176,20 @@ def test_an_update_that_is_not_finite_is_skipped_and_counted(played, updated):
 
 
 @pytest.mark.slow
-def test_rewards_that_are_not_numbers_cost_the_updates_of_their_iteration_alone(worlds, start):
-    """They must not get into the scale of the critics or their last layers, which no update mends."""
+def test_rewards_and_observations_that_are_not_numbers_cost_the_updates_of_their_iteration_alone(worlds, start):
+    """They must not get into the scales of critics and observations or into last layers, which no update mends."""
     config = settings("none")
     config = replace(config, net=replace(config.net, norm="running"))
     network = Network.of(worlds.env, config.net)
     bad = maax.Worlds(unpaid(), N, donate=False)
     before = new_learner(network.draw(seeds.key(0)), config)
-    args = None, seeds.key(1), bad.reset(seeds.key(0)), Remembered(network.memory(N), ())
+    states = bad.reset(seeds.key(0))
+    obs = {name: x.at[3].set(jnp.nan) if x.dtype == jnp.float32 else x for name, x in states.obs.items()}
+    args = None, seeds.key(1), states.replace(obs=obs), Remembered(network.memory(N), ())
     after, _, _, metrics = compile_iteration(bad, network, config)(jax.tree.map(jnp.copy, before), *args)
     assert (float(metrics["broken"]), int(after.broken)) == (1.0, 1)
-    assert jax.tree.all(jax.tree.map(np.array_equal, before.scale, after.scale))
+    kept = jax.tree.map(np.array_equal, (before.scale, before.weights.norm), (after.scale, after.weights.norm))
+    assert jax.tree.all(kept)
     assert jax.tree.all(jax.tree.map(np.allclose, before.weights.critic, after.weights.critic))
     assert jax.tree.all(jax.tree.map(np.array_equal, before.weights.actor, after.weights.actor))
     iterate = compile_iteration(worlds, network, config)

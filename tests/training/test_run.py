@@ -22,6 +22,7 @@ from maax_mjx import training
 from maax_mjx.training.begin import check_begun, environment_of, game_fields
 from maax_mjx.training.board import Board
 from maax_mjx.training.folder import Folder
+from maax_mjx.training.run import NotFiniteError, without_the_empty
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -182,7 +183,7 @@ def test_settings_may_change_and_the_run_tells_which(run, tmp_path):
 @pytest.mark.slow
 def test_a_run_whose_updates_are_never_finite_stops_and_keeps_what_was_learnt(tmp_path):
     broken = training.Trainer(toys.unpaid(), tmp_path / "run", "laptop", N, **(SMALL | {"visited.share": 0.0}))
-    with pytest.raises(FloatingPointError, match=r"10 iterations in a row .* is finite.*has what was learnt before"):
+    with pytest.raises(NotFiniteError, match=r"10 iterations in a row .* is finite.*has what was learnt before"):
         broken.run(steps=20 * PER_ITERATION)
     rows = broken.folder.rows()
     assert [row["broken"] for row in rows] == [1.0] * 10
@@ -190,6 +191,16 @@ def test_a_run_whose_updates_are_never_finite_stops_and_keeps_what_was_learnt(tm
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(policy.params))
     again = training.Trainer(toys.unpaid(), tmp_path / "run", "laptop", N, **(SMALL | {"visited.share": 0.0}))
     assert again.goes_on_in_new_worlds
+    again.run(steps=again.steps + 5 * PER_ITERATION)
+    assert len(again.folder.rows()) == 15, "ten in a row are counted anew"
+
+
+def test_numbers_of_no_episode_are_none():
+    counts = {"whole_episodes": 2.0, "ended_a": 4.0, "ended_return_b": 0.0, "reward_a": 0.0}
+    found = without_the_empty(counts | {"return_a": 0.0, "return_return_b": 0.0, "episode_caught": 0.5})
+    assert [name for name, x in found.items() if np.isnan(x)] == ["return_return_b"]
+    found = without_the_empty(counts | {"whole_episodes": 0.0, "episode_caught": 0.0})
+    assert np.isnan(found["episode_caught"])
 
 
 @pytest.mark.slow

@@ -157,6 +157,8 @@ def test_only_whole_episodes_are_measured(worlds, start):
         counts = whole[..., None] & np.asarray(batch.counts)[..., list(slots)]
         total = np.asarray(batch.total)[..., list(slots)][counts].mean()
         np.testing.assert_allclose(found[f"return_{team}"], total, rtol=1e-5)
+        assert found[f"ended_{team}"] == counts.sum()
+    assert found["whole_episodes"] == whole.sum()
 
 
 def test_an_archive_that_does_not_divide_is_refused():
