@@ -167,7 +167,7 @@ def test_mechanics_are_about_the_boxes_and_ramps_that_there_are():
     env = maax.Base(2)
     env.add_module(maax.Agents(2))
     env.add_module(maax.Boxes(1))
-    env = maax.GrabObjects(maax.LockObjects(maax.TeamMembership(maax.LineOfSight(env), {"a": 1, "b": 1})))
+    env = maax.GrabObjects(maax.LockObjects(maax.TeamMembership(maax.LineOfSight(env), [0, 1])))
     assert env.inner(maax.LineOfSight).senses == ("sees_agent", "sees_box")
     assert (env.n_grabbable, env.inner(maax.LockObjects).n_lockable) == (1, 1)
     empty = maax.Base(2)
