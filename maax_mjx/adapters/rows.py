@@ -42,8 +42,8 @@ class Step(NamedTuple):
 class Rows:
     """The agents of one team, or of all, as rows; world after world, in a world by slot.
 
-    Agents that are not in play in an episode are rows as well: they observe zeros, and earn what the game pays them:
-    its own games nothing.
+    Agents that are not in play in an episode are rows as well: they observe zeros. The package's games pay them
+    nothing; a reward of one's own may.
 
     Args:
         worlds: the batch; on one device or by shard_map.

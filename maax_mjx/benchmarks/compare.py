@@ -17,6 +17,7 @@ from maax_mjx.benchmarks.bench import Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import PositiveCount
 from maax_mjx.training.folder import Folder, is_run
+from maax_mjx.training.learner import counted_by
 
 CHASE = 0.85
 """Share of the steps in which hiders are caught from which seekers are said to chase; see training/stages.py."""
@@ -135,7 +136,7 @@ def curve_of(rows: Sequence[dict[str, Any]], name: str, every: int) -> list[tupl
         inside = [row for row in rows if -(-row["steps"] // every) == part and row[name] is not None]
         if not inside:
             continue
-        counts = [row.get("whole_episodes", row["episodes"]) for row in inside]
+        counts = [row.get(counted_by(name), row["episodes"]) for row in inside]  # older runs count all together
         mean = np.average([row[name] for row in inside], weights=counts)
         points.append((inside[-1]["steps"], round(float(mean), 4)))
     return points

@@ -22,6 +22,7 @@ from maax_mjx.benchmarks.record import Measured
 from maax_mjx.common.annotated import Count, Positive, PositiveCount
 from maax_mjx.common.checks import check_choice
 from maax_mjx.training.folder import Folder
+from maax_mjx.training.learner import counted_by
 
 SCRATCH = "scratch"
 POINTS = 60
@@ -191,7 +192,7 @@ Points = Sequence[tuple[float, float, float]]
 def returns_of(rows: Sequence[dict[str, Any]]) -> Points:
     """Returns of the iterations in which episodes ended that count."""
     counted = [row for row in rows if row["episodes"] and row[RETURN] is not None]
-    return [(row["steps"], row[RETURN], row.get("ended_hiders", row["episodes"])) for row in counted]
+    return [(row["steps"], row[RETURN], row.get(counted_by(RETURN), row["episodes"])) for row in counted]
 
 
 def weighted(points: Points | np.ndarray) -> float:

@@ -23,6 +23,7 @@ from maax_mjx.common.whole import whole
 from maax_mjx.tasks import short_name
 from maax_mjx.training.begin import KEPT, begun
 from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL, is_run
+from maax_mjx.training.learner import RETURN, WHOLE, counted_by
 from maax_mjx.training.policy import check_policy, load_any
 
 REPLAY = "replay.html"
@@ -31,7 +32,7 @@ FILES = (RUN, METRICS, CURVES, POLICY, f"{PAST}/", f"{SAVES}/", f"{SMALL}/", f"{
 """What a folder may have, as the result names it."""
 RECENT = 20
 """Iterations, at the end of a call, over whose episodes the result's means are: those of a single one are noise."""
-CAUGHT, RETURN, ENDED, WHOLE = "episode_caught", "return_", "ended_", "whole_episodes"
+CAUGHT = "episode_caught"
 SHOWN, ENDLESS = 2, 240
 """Worlds in the replay, and its frames of a game without a horizon."""
 
@@ -202,8 +203,7 @@ def _result(
         return {"folder": str(run.folder), "steps": run.policy.steps, "files": files}
     # From the end of the first iteration, which compiles and counts as no time.
     steps, seconds = made[-1].steps - made[0].steps, made[-1].seconds - made[0].seconds
-    returns = [name for name in now.metrics if name.startswith(RETURN)]
-    counts = {CAUGHT: WHOLE} | {name: ENDED + name.removeprefix(RETURN) for name in returns}
+    names = [name for name in now.metrics if name.startswith((RETURN, CAUGHT))]
     return {
         "folder": str(run.folder),
         "iterations": now.iteration,
@@ -213,16 +213,16 @@ def _result(
         "recent_iterations": len(recent),
         "recent_episodes": round(sum(p.metrics[WHOLE] for p in recent)),
         "broken_updates": sum(p.metrics["broken"] for p in recent) / len(recent),
-        **{name: _mean(recent, name, by) for name, by in counts.items() if name in now.metrics},
+        **{name: _mean(recent, name) for name in names},
         "files": files,
     }
 
 
-def _mean(recent: Sequence[training.Progress], name: str, by: str) -> float | None:
+def _mean(recent: Sequence[training.Progress], name: str) -> float | None:
     """The mean of a number over what counted for it; None if nothing did, or if it is not finite."""
-    told = [p.metrics for p in recent if p.metrics[by]]
-    total = sum(metrics[by] for metrics in told)
-    mean = sum(metrics[name] * metrics[by] for metrics in told) / total if told else math.nan
+    by = counted_by(name)
+    told = [(p.metrics[name], p.metrics[by]) for p in recent if p.metrics[by]]
+    mean = sum(x * n for x, n in told) / sum(n for _, n in told) if told else math.nan
     return round(mean, 3) if math.isfinite(mean) else None
 
 

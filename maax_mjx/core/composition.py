@@ -35,6 +35,8 @@ FloorSize = Annotated[
     float | tuple[float, float], Bounds(0, 1000, above=True, takes="a positive number of metres, up to 1000")
 ]
 Contacts = Annotated[int, Bounds(1, 1_000_000)]
+USUAL = ("box", "ramp")
+"""Modules of objects that mechanics are about where none are named."""
 
 
 class Around(WeakSet):
@@ -145,31 +147,24 @@ class Composition:
         """The modules whose entities can move, if they have any."""
         return [m for m in self._modules.values() if isinstance(m, Entities) and m.n_max]
 
-    def objects(self, names: Sequence[str]) -> list[Entities]:
-        """Returns the modules of these names, whose objects can move.
+    def objects(self, names: Sequence[str] | None = None) -> list[Entities]:
+        """Returns the modules of these names, whose objects can move; None is boxes and ramps, if there are any.
 
         Raises:
             ValueError: an unknown name, a module whose objects cannot move, a name given twice, or the agents.
         """
-        return _named(names, {m.name: m for m in self._modules.values() if _is_object(m)})
+        known = {m.name: m for m in self._modules.values() if _is_object(m)}
+        return _named([name for name in USUAL if name in known] if names is None else names, known)
 
-    def objects_and_sites(self, names: Sequence[str]) -> list[Entities | Sites]:
-        """Returns the modules of these names, of objects that can move or of marks on the floor.
+    def objects_and_sites(self, names: Sequence[str] | None = None) -> list[Entities | Sites]:
+        """Returns the modules of these names, of objects that can move or of marks on the floor; None as of `objects`.
 
         Raises:
             ValueError: an unknown name, another module, a name given twice, or the agents.
         """
+        if names is None:
+            return [*self.objects()]
         return _named(names, {m.name: m for m in self._modules.values() if _is_object(m) or isinstance(m, Sites)})
-
-    @property
-    def usual_objects(self) -> list[str]:
-        """Names of the modules of boxes and of ramps, as far as there are any: what mechanics are about by default."""
-        return [name for name in ("box", "ramp") if name in self.movable]
-
-    @property
-    def movable(self) -> list[str]:
-        """Names of the modules whose objects can move, but for the agents."""
-        return [m.name for m in self._modules.values() if _is_object(m)]
 
     @property
     def sites(self) -> dict[str, Sites]:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from maax_mjx.common.progress import progress
+from maax_mjx.training.learner import RETURN
 from maax_mjx.training.run import Progress, Trainer
 from maax_mjx.training.stages import stage_of
 
@@ -82,8 +83,8 @@ def _words(now: Progress, stage: str, left: float | None) -> str:
     words = [f"{numbers['env_steps_per_s']:,.0f} env-steps/s"] if "env_steps_per_s" in numbers else []
     if math.isfinite(numbers.get("episode_caught", math.nan)):
         words.append(f"caught {numbers['episode_caught']:.2f}")
-    returns = {name: x for name, x in numbers.items() if name.startswith("return_") and math.isfinite(x)}
-    words += [f"{name.removeprefix('return_')} {x:+.2g}" for name, x in returns.items()]
+    returns = {name: x for name, x in numbers.items() if name.startswith(RETURN) and math.isfinite(x)}
+    words += [f"{name.removeprefix(RETURN)} {x:+.2g}" for name, x in returns.items()]
     words += [f"{numbers['broken']:.2g} of the updates not finite"] if numbers.get("broken") else []
     words += [stage] if stage else []
     if left is not None:

@@ -20,7 +20,11 @@ from maax_mjx.training.league import Opponents
 from maax_mjx.training.network import Network, Weights, updated
 from maax_mjx.training.ppo import Mean, Updates, joined, optimiser, rows_of, update
 from maax_mjx.training.returns import ValueScale, advantages
+from maax_mjx.training.stages import PREFIX
 from maax_mjx.training.visited import looked_at, surprise
+
+RETURN, ENDED, WHOLE = "return_", "ended_", "whole_episodes"
+"""What agents of a team got in whole episodes, of how many agents that is, and how many these episodes are."""
 
 
 class Learner(struct.PyTreeNode):
@@ -200,20 +204,27 @@ def _order(key: jax.Array, first: jax.Array, groups: int, n_rows: int, config: T
     )
 
 
+def counted_by(name: str) -> str:
+    """The count of an iteration that a number of its episodes is a mean over; "" of all other numbers."""
+    if name.startswith(RETURN):
+        return ENDED + name.removeprefix(RETURN)
+    return WHOLE if name.startswith(PREFIX) else ""
+
+
 def metrics_of(
     network: Network, batch: Batch, value: jax.Array, returns: jax.Array, mean: Mean, n_devices: int
 ) -> dict[str, jax.Array]:
     """Numbers of an iteration's play: of steps by team, and of the episodes that ended in it, 0 where none counts."""
     over: dict[str, tuple[jax.Array, jax.Array]] = {}
     done = batch.last & ~batch.visited
-    counted = {"episodes": batch.last, "whole_episodes": done, "faults": batch.fault}
+    counted = {"episodes": batch.last, WHOLE: done, "faults": batch.fault}
     for i, (team, _) in enumerate(network.teams):
         mine = network.team_index == i
         acts, counts = batch.acts & mine, batch.counts & mine
         over[f"reward_{team}"] = (jnp.where(acts, batch.reward, 0.0).sum(), acts.sum())
         ended = counts & done[..., None]
-        over[f"return_{team}"] = (jnp.where(ended, batch.total, 0.0).sum(), ended.sum())
-        counted[f"ended_{team}"] = ended
+        over[RETURN + team] = (jnp.where(ended, batch.total, 0.0).sum(), ended.sum())
+        counted[ENDED + team] = ended
         error, spread = (jnp.where(counts, x, 0.0) for x in (returns - value, returns))
         n = counts.sum()
         for name, x in (("error", error), ("error_square", error**2), ("target", spread), ("square", spread**2)):
@@ -221,7 +232,7 @@ def metrics_of(
     for name, x in batch.metrics.items():
         if name != "physics_fault":
             x = x.reshape(*done.shape, -1).astype(jnp.float32).mean(-1)
-            over[f"episode_{name}"] = (jnp.where(done, x, 0.0).sum(), done.sum())
+            over[PREFIX + name] = (jnp.where(done, x, 0.0).sum(), done.sum())
     sums = mean({name: tuple(jnp.asarray(x, jnp.float32) for x in pair) for name, pair in over.items()})
     means = {name: total / jnp.maximum(n, 1e-9) for name, (total, n) in sums.items()}
     for team, _ in network.teams:

@@ -36,10 +36,9 @@ from maax_mjx.training.config import check_divides
 from maax_mjx.training.config import preset as preset_of
 from maax_mjx.training.folder import POLICY, SAVES, SMALL, Folder, settings_of
 from maax_mjx.training.league import League, worlds_of_each
-from maax_mjx.training.learner import compile_iteration, new_learner
+from maax_mjx.training.learner import RETURN, compile_iteration, counted_by, new_learner
 from maax_mjx.training.network import Network
 from maax_mjx.training.policy import Policy, game_of
-from maax_mjx.training.stages import PREFIX
 from maax_mjx.training.visited import Archive
 from maax_mjx.wrappers.split import declared_table
 
@@ -263,7 +262,7 @@ class Trainer:
         self.steps += (taken := self.config.worlds * self.config.ppo.unroll)
         metrics = without_the_empty({name: float(x) for name, x in jax.device_get(given).items()})
         # The teams in the game's order; JAX sorts names.
-        metrics |= {name: metrics.pop(name) for team in self.env.teams if (name := f"return_{team}") in metrics}
+        metrics |= {name: metrics.pop(name) for team in self.env.teams if (name := RETURN + team) in metrics}
         # From iteration to iteration, so that saves and curves count.
         spent = time.perf_counter() - self._since
         self._since += spent
@@ -357,9 +356,7 @@ class Trainer:
 
 def without_the_empty(metrics: Mapping[str, float]) -> dict[str, float]:
     """Returns an iteration's numbers with NaN for those of episodes where no episode counts for them."""
-    ended = {name.replace("ended_", "return_", 1): n for name, n in metrics.items() if name.startswith("ended_")}
-    whole = {name: metrics["whole_episodes"] for name in metrics if name.startswith(PREFIX)}
-    return {name: x if (ended | whole).get(name, 1.0) else math.nan for name, x in metrics.items()}
+    return {name: x if metrics.get(counted_by(name), 1.0) else math.nan for name, x in metrics.items()}
 
 
 def _readable(saves: Checkpoints, read: Callable[[], T]) -> T:

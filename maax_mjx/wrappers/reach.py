@@ -35,13 +35,14 @@ class Reach:
 
     def __init__(self, wrapper: Wrapper, objects: Sequence[str] | None, radius: float, in_vision_only: bool):
         self._base = wrapper.base
-        names = self._base.usual_objects if objects is None else objects
-        self.modules = self._base.objects(names)
+        self.modules = self._base.objects(objects)
         self.n = sum(module.n_max for module in self.modules)
         if not self.n:
+            got = [m.name for m in self.modules]
+            others = [m.name for m in self._base.movables if m is not self._base.agents]
             raise ValueError(
-                f"objects: got {list(names)}, which hold no objects; takes others of {self._base.movable}, or "
-                f"leave {type(wrapper).__name__} out"
+                f"objects: got {got}, which hold no objects; takes others of {others}, or leave "
+                f"{type(wrapper).__name__} out"
             )
         self._radius = radius
         self._sight = wrapper.inner(LineOfSight) if check_bool("in_vision_only", in_vision_only) else None

@@ -74,8 +74,7 @@ class LineOfSight(_Senses):
         super().__init__(env)
         self.between = check_choice("between", between, BETWEEN)
         self.half_cone = check_value("cone", cone, Cone) / 2
-        names = self.base.usual_objects if objects is None else objects
-        modules: list[Entities | Sites] = [self.base.agents, *self.base.objects_and_sites(names)]
+        modules: list[Entities | Sites] = [self.base.agents, *self.base.objects_and_sites(objects)]
         self.modules = [module for module in modules if module.n_max]
 
     @property

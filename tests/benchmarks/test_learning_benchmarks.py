@@ -112,10 +112,10 @@ def test_opponents_that_cannot_play_a_game_are_left_out_and_unknown_ones_refused
 
 def test_curves_leave_out_iterations_in_which_nothing_counted():
     rows = [
-        {"steps": 10, "episodes": 5.0, "whole_episodes": 1.0, "caught": 0.2},
-        {"steps": 20, "episodes": 5.0, "whole_episodes": 3.0, "caught": 0.6},
-        {"steps": 30, "episodes": 5.0, "whole_episodes": 0.0, "caught": None},
-        {"steps": 40, "episodes": 4.0, "caught": 0.9},  # of an older run
+        {"steps": 10, "episodes": 5.0, "whole_episodes": 1.0, "episode_caught": 0.2},
+        {"steps": 20, "episodes": 5.0, "whole_episodes": 3.0, "episode_caught": 0.6},
+        {"steps": 30, "episodes": 5.0, "whole_episodes": 0.0, "episode_caught": None},
+        {"steps": 40, "episodes": 4.0, "episode_caught": 0.9},  # of an older run
     ]
-    assert compare.curve_of(rows, "caught", 20) == [(20, 0.5), (40, 0.9)]
-    assert compare.curve_of(rows[2:3], "caught", 20) == []
+    assert compare.curve_of(rows, "episode_caught", 20) == [(20, 0.5), (40, 0.9)]
+    assert compare.curve_of(rows[2:3], "episode_caught", 20) == []
