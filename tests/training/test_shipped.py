@@ -29,6 +29,7 @@ def test_all_are_small_and_load():
         "lock_all/trained",
         "lock_and_return/trained",
         "lock_order/trained",
+        "quadrant/box_blocking",
         "quadrant/chase",
         "quadrant/forts",
         "quadrant/ramps",
@@ -102,6 +103,19 @@ def test_they_do_what_their_names_say():
     }
     assert seen["chase"] > 0.75
     assert seen["forts"] < 0.3
+
+
+@pytest.mark.slow
+def test_box_blocking_shuts_doors_and_forts_do_not():
+    """The free gap of 0.92 and of none of the doors is below 0.3 m when preparation ends."""
+    policies = [training.Policy.load(f"quadrant/{name}") for name in ("box_blocking", "forts")]
+    env = policies[0].make_env(impl="c", tools=True)
+    shut = [
+        training.evaluate(policy, ["self"], 24, env, teams=["hiders"]).matches[0].metrics["doors_blocked_prep"].mean
+        for policy in policies
+    ]
+    assert shut[0] > 0.7
+    assert shut[1] < 0.1
 
 
 @pytest.mark.slow
