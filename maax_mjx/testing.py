@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from maax_mjx.common.spaces import check_space
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
 
@@ -41,6 +42,10 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
     if not isinstance(env, Environment):
         raise ValueError(f"env: got {env!r}; takes an environment, such as maax.make('tag')")
     _check_declared(env)
+    try:
+        check_space(env.action_space)
+    except ValueError as error:
+        raise AssertionError(str(error)) from error
     keys = jax.random.split(jax.random.key(seed), n_worlds)
     sample = jax.jit(jax.vmap(env.sample_action))
     actions = [jax.device_get(sample(jax.random.split(jax.random.key(seed + 1 + t), n_worlds))) for t in range(n_steps)]

@@ -109,7 +109,7 @@ class OneTeam:
             numbers = rows[:, at : at + self._widths[name]].reshape(len(self._slots), *(part.shape or ()))
             at += self._widths[name]
             if isinstance(part, spaces.Box):
-                found[name] = numbers * part.high.max()
+                found[name] = jnp.asarray(part.low + part.high) / 2 + numbers * jnp.asarray(part.high - part.low) / 2
             elif isinstance(part, spaces.MultiDiscrete):
                 found[name] = to_bins(jnp.nan_to_num(numbers), int(part.nvec.flat[0]))
             else:

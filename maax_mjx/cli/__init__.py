@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -31,7 +32,8 @@ from maax_mjx.training.folder import is_run
 
 DESCRIPTION = """maax_mjx: procedurally generated multi-agent worlds on MuJoCo MJX.
 
-Exit codes: 0 done; 2 a mistake in the arguments, named on stderr; 130 interrupted, after finished work was written.
+Exit codes: 0 done; 2 a mistake in the arguments, or no memory or disk left, said on stderr; 130 interrupted, after
+finished work was written.
 Tab completion: maax-mjx --tyro-print-completion bash (or zsh, fish) prints what your shell is to source."""
 
 
@@ -69,6 +71,9 @@ def main(argv: list[str] | None = None) -> None:
         SystemExit: 2 for a user's mistake, 130 after Ctrl-C.
     """
     argv = sys.argv[1:] if argv is None else argv
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal without ± shows ? for it, instead of a traceback after all matches were played.
+        sys.stdout.reconfigure(errors="replace")
     try:
         check_words(argv)
         if argv[:1] == ["--tyro-print-completion"]:

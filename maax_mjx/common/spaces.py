@@ -27,25 +27,49 @@ def space_of(tree: Mapping[str, Any]) -> spaces.Dict:
     return spaces.Dict({name: one(x) for name, x in sorted(tree.items())})
 
 
+def check_space(space: spaces.Dict) -> None:
+    """Refuses a space of actions with a part that agents, samples and networks could not share.
+
+    Raises:
+        ValueError: such a part, by its name.
+    """
+    for name, part in space.spaces.items():
+        if not _is_shared(part):
+            raise ValueError(
+                f"action_space: got {part} for {name!r}; takes a Box with bounds, floats that are the same for all "
+                "agents, a MultiBinary, or a MultiDiscrete with bins of one size from 0 on"
+            )
+
+
+def _is_shared(part: spaces.Space) -> bool:
+    if isinstance(part, spaces.MultiDiscrete):
+        return len(np.unique(part.nvec)) < 2 and not np.any(part.start)
+    if isinstance(part, spaces.Box):
+        bounds = np.stack([part.low, part.high])
+        return bool(np.issubdtype(part.dtype, np.floating) and np.isfinite(bounds).all() and _same_rows(bounds))
+    return isinstance(part, spaces.MultiBinary)
+
+
+def _same_rows(bounds: np.ndarray) -> bool:
+    """Whether all agents have the same bounds, (2, n_agents, ...)."""
+    return bounds.ndim < 2 or bool((bounds == bounds[:, :1]).all())
+
+
 def sample(space: spaces.Dict, key: jax.Array) -> dict[str, jax.Array]:
     """Draws a uniform sample of a dict of bounded boxes, bins and binaries; traceable.
 
     Raises:
-        ValueError: a part of another kind.
+        ValueError: a part of another kind; see `check_space`.
     """
+    check_space(space)
     out = {}
     for k, (name, sub) in zip(jax.random.split(key, len(space.spaces)), space.spaces.items(), strict=True):
         if isinstance(sub, spaces.Box):
             out[name] = jax.random.uniform(k, sub.shape, jnp.float32, sub.low, sub.high)
         elif isinstance(sub, spaces.MultiDiscrete):
             out[name] = jax.random.randint(k, sub.shape, 0, jnp.asarray(sub.nvec))
-        elif isinstance(sub, spaces.MultiBinary):
-            out[name] = jax.random.bernoulli(k, shape=sub.shape).astype(jnp.int8)
         else:
-            raise ValueError(
-                f"action_space: got {sub} for {name!r}; takes a Box with bounds, a MultiBinary, or a MultiDiscrete "
-                "with bins of one size"
-            )
+            out[name] = jax.random.bernoulli(k, shape=sub.shape).astype(jnp.int8)
     return out
 
 
@@ -100,7 +124,10 @@ def _most(space: spaces.Space) -> int:
 
 
 def _takes(space: spaces.Space) -> str:
-    return "numbers in [-1, 1]" if isinstance(space, spaces.Box) else f"whole numbers from 0 to {_most(space)}"
+    if not isinstance(space, spaces.Box):
+        return f"whole numbers from 0 to {_most(space)}"
+    low, high = np.unique(space.low), np.unique(space.high)
+    return f"numbers in [{low[0]:g}, {high[0]:g}]" if len(low) == len(high) == 1 else f"numbers in {space}"
 
 
 def _on_host(x: Any) -> list[np.ndarray]:

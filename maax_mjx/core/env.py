@@ -17,7 +17,7 @@ from maax_mjx.common.checks import check_bool, check_key, described
 from maax_mjx.common.observed import Observed, resolved
 from maax_mjx.common.params import DomainParams
 from maax_mjx.common.recorded import Recorded, differing, short
-from maax_mjx.common.spaces import check_action, sample, space_of
+from maax_mjx.common.spaces import check_action, check_space, sample, space_of
 from maax_mjx.core.composition import Composition
 from maax_mjx.core.copies import copied, reduced
 from maax_mjx.core.describe import Description, describe
@@ -397,8 +397,9 @@ def check_environment(env: Any) -> Environment:
     """Returns `env` if it is an environment.
 
     Raises:
-        ValueError: `env` is not an environment.
+        ValueError: `env` is not an environment, or has actions that `check_space` refuses.
     """
     if not isinstance(env, Environment):
         raise ValueError(f"env: got {described(env)}; takes an environment, as maax.make(...) gives it")
+    check_space(env.action_space)
     return env

@@ -149,8 +149,8 @@ class Checkpoints:
             number: number of the save; None reads the latest.
             resize: whether there may be more or fewer worlds than were saved: the first ones go on, and more begin
                 with new episodes.
-            others: trees of the same shapes as in the save, such as freshly initialised parameters, one for each other
-                item to read.
+            others: trees of the same shapes and kinds of numbers as in the save, such as freshly initialised
+                parameters, one for each other item to read.
 
         Returns:
             The states, None without worlds, and a dict of the others.
@@ -286,28 +286,28 @@ class Checkpoints:
         raise self._damaged(number, reason)
 
     def _check_shapes(self, name: str, tree: Any, number: int) -> None:
-        """Refuses a tree whose arrays the save has not, or of other shapes."""
+        """Refuses a tree whose arrays the save has not, or of other shapes or kinds of numbers."""
         if found := self._difference(name, tree, number):
             at, here, there = found
             inside = at.removeprefix(BOX).removeprefix(".")
             raise ValueError(
-                f"others: got {name!r} with {f'{inside} of ' if inside else ''}shape {here}, and save {number} of "
+                f"others: got {name!r} with {f'{inside} of ' if inside else ''}{here}, and save {number} of "
                 f"{self.folder} has {there}; takes a tree like the one that was saved"
             )
 
-    def _difference(self, name: str, tree: Any, number: int) -> tuple[str, Any, Any] | None:
-        """Returns the first array whose shapes differ: its name, its shape in the tree and that in the save."""
+    def _difference(self, name: str, tree: Any, number: int) -> tuple[str, str, str] | None:
+        """Returns the first array that differs: its name, its shape or numbers in the tree, and those in the save."""
         item = self.folder / str(number) / name
         saved, wanted = (
-            {
-                name_of(path): tuple(np.shape(x) if np.isscalar(x) else x.shape)
-                for path, x in jax.tree.leaves_with_path(of)
-            }
+            {name_of(path): x for path, x in jax.tree.leaves_with_path(of)}
             for of in (self._read(number, lambda: self._metadata(item)), tree)
         )
         for at in (*wanted, *saved):
-            here, there = (shapes.get(at, "none") for shapes in (wanted, saved))
+            here, there = (str(_shape(arrays[at])) if at in arrays else "none" for arrays in (wanted, saved))
             if here != there:
+                return at, f"shape {here}", there
+            here, there = (_numbers(arrays[at]) for arrays in (wanted, saved))
+            if here and there and here != there:
                 return at, here, there
         return None
 
@@ -409,3 +409,14 @@ def _target(worlds: Worlds, x: Any) -> Any:
     if worlds.shards.method == "shard_map":
         return jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=NamedSharding(worlds.shards.mesh, P(AXIS)))
     return np.empty(x.shape, x.dtype)
+
+
+def _shape(x: Any) -> tuple[int, ...]:
+    return tuple(np.shape(x) if np.isscalar(x) else x.shape)
+
+
+def _numbers(x: Any) -> str:
+    """Returns what kind of numbers an array holds, "" where that is not known."""
+    kinds = {"booleans": np.bool_, "whole numbers": np.integer, "floats": np.floating}
+    dtype = getattr(x, "dtype", None)
+    return "" if dtype is None else next((word for word, kind in kinds.items() if jnp.issubdtype(dtype, kind)), "")

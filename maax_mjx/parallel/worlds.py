@@ -109,7 +109,7 @@ class Worlds:
             key: a typed key; it and i alone determine world i.
             params: ranges with leaves (2,), or (n_worlds, 2) for a range per world; None uses the defaults.
             stagger: whether the ends of the first episodes are spread over the horizon, which keeps training batches
-                and their cost even. They begin as if some steps had passed with the world at rest; agents' observations
+                and their cost even. They begin as if some steps had passed with the world at rest; `obs` and `can_act`
                 before their first step are still an episode's first ones. Not in an endless game.
 
         Warns:

@@ -42,7 +42,7 @@ def heads_of(env: Environment, spec: Spec) -> tuple[Head, ...]:
     """Returns the parts of an agent's action; choices about entities that are observed know which those are.
 
     Raises:
-        ValueError: a part of another kind than boxes, bins and binaries with a row per agent.
+        ValueError: a part without a row per agent.
     """
     heads = []
     for name, space in env.action_space.spaces.items():
@@ -52,16 +52,10 @@ def heads_of(env: Environment, spec: Spec) -> tuple[Head, ...]:
         n = shape[1] if len(shape) == 2 else 1
         if isinstance(space, spaces.MultiDiscrete):
             bins = int(space.nvec.flat[0])
-            if (space.nvec != bins).any():
-                raise ValueError(f"env: its action {name!r} has bins of {space.nvec}; takes as many for each")
         elif isinstance(space, spaces.MultiBinary):
             bins = 2
-        elif isinstance(space, spaces.Box):
-            bins = 0
         else:
-            raise ValueError(
-                f"env: its action {name!r} is a {type(space).__name__}; takes Box, MultiDiscrete, MultiBinary"
-            )
+            bins = 0
         kinds = env.acts_on.get(name, ())
         observed = {kind.name: kind.n for kind in spec.kinds}
         if not all(observed.get(kind) == number for kind, number in kinds):

@@ -63,10 +63,12 @@ class Match:
     Attributes:
         team: the policy's team; the opponent plays the others.
         opponent: the opponent's name.
-        episodes: number of episodes.
+        episodes: number of episodes, of those that the physics did not cut off and in which both sides had an agent in
+            play.
         score: return of an agent of the team.
-        won: share of the episodes in which the team had a higher return than the others, ties as half; in a game of
-            one team that all of its agents play together, a higher one than the opponent has in the same worlds.
+        won: share of the episodes in which agents of the team had a higher return in the mean than all others, ties as
+            half; in a game of one team that all of its agents play together, a higher one than the opponent has in the
+            same worlds.
         metrics: the game's numbers at the end of the episodes.
     """
 
@@ -170,7 +172,8 @@ def evaluate(
             `training.policies()`.
         against: opponents: "self", scripted ones by their names in `training.SCRIPTED`, policies, files of them, names
             of `training.policies()`, folders of runs, or "runs/x@50M", a run's past policy nearest to so many steps.
-        episodes: episodes of every match, each in a world of its own.
+        episodes: episodes of every match, each in a world of its own; those that the physics cuts off, and those in
+            which one side has no agent in play, do not count.
         env: the game; None makes that of the policy.
         teams: the policy's teams; None is every team.
         devices: see `Worlds`.
@@ -181,7 +184,8 @@ def evaluate(
         The matches.
 
     Raises:
-        ValueError: an unknown opponent or team, a policy that does not fit the game, or a game without a horizon.
+        ValueError: an unknown opponent or team, a policy that does not fit the game, a game without a horizon, or no
+            episode that counts.
     """
     episodes = check_count("episodes", episodes, minimum=2)
     if isinstance(against, str | Path | TrainedPolicy):
@@ -358,12 +362,15 @@ def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str
     """Plays the first episode of every world; where nobody is left for the opponent, it plays them all again."""
     slots = seats(worlds.env, team)
     played = _play(worlds, mine, other, slots, seed)
-    ours, whole = _mean(played.returns, played.active & slots), played.whole
-    if slots.all():
-        again = _play(worlds, mine, other, ~slots, seed)
-        theirs, whole = _mean(again.returns, again.active), whole & again.whole
-    else:
-        theirs = _mean(played.returns, played.active & ~slots)
+    again = _play(worlds, mine, other, ~slots, seed) if slots.all() else played
+    we, they = played.active & slots, again.active & (slots if slots.all() else ~slots)
+    whole = played.whole & again.whole & we.any(axis=1) & they.any(axis=1)
+    if not whole.any():
+        raise ValueError(
+            f"episodes: got {len(whole)}, and in none of them, as {team} against {opponent}, the physics went well and "
+            "both sides had an agent in play; takes more"
+        )
+    ours, theirs = _mean(played.returns, we), _mean(again.returns, they)
     won = np.where(ours > theirs, 1.0, np.where(ours == theirs, 0.5, 0.0))
     return Match(
         team=team,

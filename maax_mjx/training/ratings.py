@@ -66,13 +66,15 @@ def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
         Ratings of all players, the best first.
 
     Raises:
-        ValueError: what is no result, or a player at 0 who did not play.
+        ValueError: what is no result, a share outside [0, 1], no episodes, or a player at 0 who did not play.
     """
     for result in results:
         if not isinstance(result, Result):
             raise ValueError(
                 f"results: got {described(result)} in it; takes training.Result(player, opponent, team, ...)"
             )
+        if not 0 <= result.won <= 1 or not 0 < result.episodes < np.inf:
+            raise ValueError(f"results: got {result}; takes won in [0, 1], and episodes from 1 on")
     players = sorted({name for result in results for name in (result.player, result.opponent)})
     if zero not in players:
         raise ValueError(f"zero: got {zero!r}; takes one of {players}")
@@ -99,6 +101,6 @@ def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
     chance = expit(which @ found)
     bend = (which * (n * chance * (1 - chance))[:, None]).T @ which + precision * np.eye(len(found))
     errors = np.sqrt(np.diag(np.linalg.inv(bend)))
-    rated = {name: Rating(POINTS * found[i], LIKELY * POINTS * errors[i]) for name, i in column.items()}
+    rated = {name: Rating(float(POINTS * found[i]), float(LIKELY * POINTS * errors[i])) for name, i in column.items()}
     rated[zero] = Rating(0.0, 0.0)
     return dict(sorted(rated.items(), key=lambda item: -item[1].points))

@@ -27,12 +27,14 @@ class Stats(struct.PyTreeNode):
         start: (n, 2) metres, initial positions of all movable things.
         before: (n, 2) metres, their positions after the previous step.
         touching: (n_agents, n_agents) bool, which agents touched after the previous step.
+        played: () int32, steps after preparation so far; fewer than `state.step` says in an episode that began later.
         totals: metrics that accumulate over the episode, by name.
     """
 
     start: jax.Array
     before: jax.Array
     touching: jax.Array
+    played: jax.Array
     totals: dict[str, jax.Array]
 
 
@@ -49,7 +51,7 @@ class TrackStats(StateWrapper):
       sight; with `HideAndSeekReward` inside.
 
     With `PreparationPhase` inside, the statistics of objects and food are also there as `<name>_prep`, at their values
-    after the phase's last step, and zero before.
+    after the phase's last step, and zero before; also in an episode that began after it, by `reset(stagger=True)`.
 
     Args:
         env: environment to wrap.
@@ -83,7 +85,7 @@ class TrackStats(StateWrapper):
         things = self._things(state, here, here)
         if self._prep_steps is not None:
             totals |= {f"{name}_prep": jnp.zeros_like(value) for name, value in things.items()}
-        return self._noted(state, Stats(here, here, self._touching(state), totals), things)
+        return self._noted(state, Stats(here, here, self._touching(state), jnp.zeros((), jnp.int32), totals), things)
 
     def observe(self, state: State) -> State:
         stats: Stats = state.mechanics[self.name]
@@ -91,12 +93,12 @@ class TrackStats(StateWrapper):
         totals = dict(stats.totals)
         way = jnp.linalg.norm(here - stats.before, axis=1)[self._rows(self.base.agents)]
         totals["distance_run"] += jnp.where(self.playing(state), way, 0.0)
-        played = state.step - (self._prep_steps or 0)
+        playing = state.step > (self._prep_steps or 0)
+        played = stats.played + playing
         if self._rule is not None:
             share = totals["caught"]
-            totals["caught"] = share + (self._rule.caught(state) - share) * (played > 0) / jnp.maximum(played, 1)
+            totals["caught"] = share + (self._rule.caught(state) - share) * playing / jnp.maximum(played, 1)
         if self._catches:
-            playing = played > 0
             new = (touching & ~stats.touching & self._pairs).sum()
             totals["catches"] += jnp.where(playing, new, 0).astype(jnp.int32)
         things = self._things(state, stats.start, here)
@@ -104,7 +106,7 @@ class TrackStats(StateWrapper):
             for name, value in things.items():
                 at_end = state.step == self._prep_steps
                 totals[f"{name}_prep"] = jnp.where(at_end, value, totals[f"{name}_prep"])
-        return self._noted(state, stats.replace(before=here, touching=touching, totals=totals), things)
+        return self._noted(state, stats.replace(before=here, touching=touching, played=played, totals=totals), things)
 
     def _noted(self, state: State, stats: Stats, things: dict[str, jax.Array]) -> State:
         return self.remember(state, stats).replace(metrics=state.metrics | stats.totals | things)

@@ -29,11 +29,13 @@ class Tools(struct.PyTreeNode):
     Attributes:
         before: (n_objects, 2) metres, where objects were after the previous step.
         held: (n_agents,) int32, what agents held after the previous step, -1 for nothing.
+        played: () int32, steps after preparation so far; fewer than `state.step` says in an episode that began later.
         totals: metrics of the episode so far, by name.
     """
 
     before: jax.Array
     held: jax.Array
+    played: jax.Array
     totals: dict[str, jax.Array]
 
 
@@ -93,7 +95,7 @@ class TrackTools(StateWrapper):
         totals |= {f"{name}_prep": jnp.zeros(()) for name in (*now, *self._carrying(totals))}
         if not self._prep_steps:
             totals |= {f"{name}_prep": value for name, value in now.items()}
-        return self._noted(state, Tools(self._places(state), self._held(state), totals), now)
+        return self._noted(state, Tools(self._places(state), self._held(state), jnp.zeros((), jnp.int32), totals), now)
 
     def observe(self, state: State) -> State:
         tools: Tools = state.mechanics[self.name]
@@ -109,18 +111,19 @@ class TrackTools(StateWrapper):
         ends = state.step == self._prep_steps
         for name, value in (now | self._carrying(totals)).items():
             totals[f"{name}_prep"] = jnp.where(ends, value, totals[f"{name}_prep"])
-        played = state.step - self._prep_steps
+        playing = state.step > self._prep_steps
+        played = tools.played + playing
         hiders, seekers = self._teams[HIDERS], self._teams[SEEKERS]
         if self._sight:
             sees = state.mechanics[LineOfSight.name]["sees_agent"]
             seen = (sees & seekers[:, None] & hiders).any()
-            totals["seen"] += (seen - totals["seen"]) * (played > 0) / jnp.maximum(played, 1)
+            totals["seen"] += (seen - totals["seen"]) * playing / jnp.maximum(played, 1)
             totals["breach"] = totals["enclosed_prep"] * (totals["seen"] > 0)
         agents = self.base.agents
         there = state.world.active[agents.kind]
         up = (state.data.xpos[agents.body_ids, 2] > HIGH) & seekers & there
-        totals["elevated"] = jnp.maximum(totals["elevated"], up.any() & (played > 0))
-        return self._noted(state, Tools(here, held, totals), now)
+        totals["elevated"] = jnp.maximum(totals["elevated"], up.any() & playing)
+        return self._noted(state, Tools(here, held, played, totals), now)
 
     def _noted(self, state: State, tools: Tools, now: dict[str, jax.Array]) -> State:
         return self.remember(state, tools).replace(metrics=state.metrics | now | tools.totals)

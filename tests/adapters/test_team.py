@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium import spaces
 from helpers import seeds
 
 import maax_mjx as maax
@@ -44,6 +45,24 @@ def test_numbers_are_actions_of_all_parts(env, of):
     forces = OneTeam(maax.make("tag", impl="c"))
     assert forces.action_size == 12
     np.testing.assert_allclose(forces.action(jnp.full(12, 2.0))["move"], np.ones((4, 3)))
+
+
+class Gear(maax.ActionWrapper):
+    """Has forces in [-2, 5] and [0, 1], which nothing reads."""
+
+    @property
+    def action_space(self):
+        low, high = np.tile(np.float32([-2, 0]), (4, 1)), np.tile(np.float32([5, 1]), (4, 1))
+        return spaces.Dict({"gear": spaces.Box(low, high)})
+
+    def action(self, state, action):
+        return {"move": jnp.zeros((4, 3))}
+
+
+def test_numbers_span_the_bounds_of_ones_own_parts():
+    gears = OneTeam(Gear(maax.make("tag", impl="c")))
+    for number, want in ((-1.0, [-2, 0]), (0.0, [1.5, 0.5]), (1.0, [5, 1])):
+        np.testing.assert_allclose(gears.action(jnp.full(8, number))["gear"], np.tile(want, (4, 1)))
 
 
 def test_steps_are_the_environments_with_the_others_played(env, of):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import io
 import json
 import re
 import signal
@@ -124,6 +125,14 @@ def test_rollouts_of_other_shapes_are_refused(played, tmp_path):
         np.savez(tmp_path / "other.npz", **arrays | {name: other})
         with pytest.raises(ValueError, match=r"without .* as this version has them in this game; takes"):
             load(tmp_path / "other.npz")
+
+
+def test_a_terminal_without_a_sign_shows_another(monkeypatch):
+    shown = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding="ascii", write_through=True))
+    main(["--version"])
+    print("1 ± 2")
+    assert shown.getvalue().endswith(b"\n1 ? 2\n")
 
 
 def test_replay_of_worlds_that_were_not_kept(played, capsys):

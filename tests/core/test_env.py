@@ -149,17 +149,49 @@ def test_a_wrapper_that_forgets_its_environment_says_so(env_c):
         _ = Forgetful(env_c, 2.0).base
 
 
-def test_actions_of_another_kind_are_refused(env_c):
-    class Gear(maax.ActionWrapper):
-        @property
-        def action_space(self):
-            return spaces.Dict({**self.env.action_space.spaces, "gear": spaces.Discrete(2)})
+class Gear(maax.ActionWrapper):
+    """Has another part of the action, of any space."""
 
-        def action(self, state, action):
-            return {"move": action["move"]}
+    def __init__(self, env, part):
+        super().__init__(env)
+        self.part = part
 
-    with pytest.raises(ValueError, match=r"action_space: got Discrete\(2\) for 'gear'; takes a Box with bounds"):
-        Gear(env_c).sample_action(seeds.key(0))
+    @property
+    def action_space(self):
+        return spaces.Dict({**self.env.action_space.spaces, "gear": self.part})
+
+    def action(self, state, action):
+        return {"move": action["move"]}
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        spaces.Discrete(2),
+        spaces.MultiDiscrete([2, 2, 2, 3]),
+        spaces.MultiDiscrete([2, 2, 2, 2], start=[1, 1, 1, 1]),
+        spaces.Box(np.array([-1, -1, -1, 0]), np.array([1, 1, 1, 9]), dtype=np.float32),
+        spaces.Box(-np.inf, np.inf, (4,)),
+        spaces.Box(0, 255, (4,), np.uint8),
+    ],
+)
+def test_actions_that_agents_cannot_share_are_refused(env_c, part):
+    env = Gear(env_c, part)
+    for use in (lambda: env.sample_action(seeds.key(0)), lambda: maax.Worlds(env, 2), lambda: maax.TeamMembership(env)):
+        with pytest.raises(ValueError, match=r"^action_space: got .* for 'gear'; takes a Box with bounds, floats"):
+            use()
+    with pytest.raises(AssertionError, match=r"action_space: got .* for 'gear'"):
+        check_env(env)
+
+
+def test_bounds_of_ones_own_are_drawn_within_and_said(env_c):
+    env = Gear(env_c, spaces.Box(-2.0, 5.0, (4, 2)))
+    drawn = np.asarray(jax.vmap(env.sample_action)(jax.random.split(seeds.key(0), 200))["gear"])
+    assert -2 <= drawn.min() < -1.9
+    assert 4.9 < drawn.max() <= 5
+    action = env.sample_action(seeds.key(0))
+    with pytest.raises(ValueError, match=r"'gear' holds NaN; takes numbers in \[-2, 5\]"):
+        env.step(env.reset(seeds.key(0)), action | {"gear": np.full((4, 2), np.nan, np.float32)})
 
 
 def test_jitted_by_name_and_by_env(env_c):

@@ -360,6 +360,8 @@ def test_empty_arrays_and_keys_come_back(tmp_path):
         ({"w": np.zeros((3, 2))}, r"got 'net' with n.0 of shape none, and save 1 .* has \(4,\)"),
         ({"w": np.zeros((3, 2)), "n": [np.ones(4), 2], "b": 1}, r"with b of shape \(\), and save 1 .* has none"),
         (np.zeros(2), r"got 'net' with shape \(2,\), and save 1 .* has none; takes a tree like the one"),
+        ({"w": np.zeros((3, 2), int), "n": [np.ones(4), 2]}, r"with w of whole numbers, and save 1 .* has floats"),
+        ({"w": np.zeros((3, 2)), "n": [np.ones(4, bool), 2]}, r"with n.0 of booleans, and save 1 .* has floats"),
     ],
 )
 def test_trees_of_other_shapes_are_named(tree, said, tmp_path):

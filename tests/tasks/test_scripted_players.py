@@ -132,6 +132,35 @@ def test_flags_are_captured_from_random_players(flags):
         assert match.metrics[f"score_{team}"].mean > 0.5
 
 
+class Paid(maax.RewardWrapper):
+    """A reward of 2 a step for every seeker who is there, and of 1 for hiders."""
+
+    def reward(self, state):
+        return jnp.array([1.0, 2.0]) * state.active
+
+
+def test_episodes_without_one_of_the_sides_do_not_count():
+    """Half of the worlds have no seeker: the mean return of the others is exact, and hiders never win."""
+    env = maax.Base(2, impl="c", n_frames=1, horizon=3)
+    env.add_module(maax.Agents({"hiders": 1, "seekers": (0, 1)}))
+    env = Paid(maax.TeamMembership(env))
+    there = jax.vmap(env.reset)(jax.random.split(seeds.key(0), 64)).active[:, 1]
+    assert 10 < there.sum() < 54
+    found = training.evaluate("random", ["random"], 24, env)
+    for team, score, won in (("hiders", 3.0, 0.0), ("seekers", 6.0, 1.0)):
+        match = found.of(team, "random")
+        assert (match.score.mean, match.score.margin, match.won.mean) == (score, 0.0, won)
+        assert 2 < match.episodes < 22
+    worlds = maax.Worlds(env, 2)
+
+    def without_seekers(seed):
+        return not worlds.reset(jax.random.split(jax.random.key(seed))[0]).active[:, 1].any()
+
+    seed = next(seed for seed in range(40) if without_seekers(seed))
+    with pytest.raises(ValueError, match="episodes: got 2, and in none of them, as hiders against random, the physics"):
+        training.evaluate("random", ["random"], 2, env, teams=["hiders"], seed=seed)
+
+
 @pytest.mark.slow
 def test_a_team_alone_is_held_against_the_same_worlds_without_it(fast_programs):
     env = maax.make("lock_and_return", impl="c", scenario="empty", horizon=60, n_boxes=1)

@@ -55,6 +55,9 @@ def test_who_never_wins_has_a_rating():
         rate([Result("self", "other", "hiders", 0.5, 10)], "me")
     with pytest.raises(ValueError, match=r"results: got tuple in it; takes training\.Result"):
         rate([("self", "other", "hiders", 0.5, 10)], "self")
+    for won, episodes in ((1.7, 100), (float("nan"), 100), (0.5, 0), (0.5, -3)):
+        with pytest.raises(ValueError, match=r"results: got Result\(.*\); takes won in \[0, 1\], and episodes from 1"):
+            rate([Result("self", "other", "hiders", won, episodes)], "self")
 
 
 def test_numbers_are_as_people_write_them():

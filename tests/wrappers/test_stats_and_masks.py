@@ -96,6 +96,26 @@ def seeing(sensing, start):
     return play(maax.MaskActions(maax.MaskActions(env, "move", mask), "lock", mask))
 
 
+def test_shares_of_an_episode_that_began_later_are_of_its_own_steps():
+    """With staggered ends; counted from the rewards, which are 1 for hiders who are not seen and -1 for seen ones."""
+    env = maax.make(
+        "hide_and_seek_quadrant", impl="c", horizon=30, prep_fraction=0.4, rect=None, n_frames=10, tools=True
+    )
+    worlds = maax.Worlds(env, 10)
+    keep = ("reward", "truncated", "metrics.caught", "metrics.seen")
+    states = worlds.reset(seeds.key(2), stagger=True)
+    begun = np.asarray(states.step)
+    _, kept = worlds.rollout(states, lambda state, key: env.sample_action(key), 30, key=seeds.key(3), keep=keep)
+    reward, ended, caught, seen = (np.asarray(kept[name]) for name in keep)
+    shares = []
+    for world, step in enumerate(begun):
+        last = int(ended[:, world].argmax())
+        played = np.arange(step + 1, step + last + 2) > 12
+        shares.append((reward[: last + 1, world, 0] < 0)[played].mean())
+        close([caught[last, world], seen[last, world]], shares[-1], atol=1e-6)
+    assert len(set(shares)) > 2
+
+
 # --- senses and preparation ----------------------------------------------------------------------------------------
 
 
