@@ -19,8 +19,8 @@ class AgentsVectorEnv(VectorEnv):
     """Agents of a batch as the environments of a `gymnasium.vector.VectorEnv`; `gymnasium_vector` makes it.
 
     Where an episode ends the next one begins in the same step: `infos` have, at its end, "final_obs" with what was
-    observed last, and "final_info" with "episode_return" and "episode_length". Everywhere they have "active", whether
-    the agent is in play: those who are not observe zeros.
+    observed last, and "final_info" with "episode_return", "episode_length", and "active", whether the agent was in
+    play. Everywhere they have "active", whether it is in play now, in the new episode: those who are not observe zeros.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -106,5 +106,6 @@ def _ended(now: Step, done: np.ndarray) -> dict[str, Any]:
     for i in np.flatnonzero(done):
         last[i] = jax.tree.map(lambda x, i=i: x[i], final)
     info = {"episode_return": np.array(now.episode_return), "episode_length": np.array(now.episode_length)}
+    info["active"] = np.array(now.played)
     info |= {f"_{name}": done for name in info}
     return {"final_obs": last, "_final_obs": done, "final_info": info, "_final_info": done}

@@ -26,7 +26,8 @@ class Step(NamedTuple):
         final_obs: what was observed last, before a new episode began; elsewhere `obs`.
         episode_return: float32, of the episode so far, or of the one that has ended.
         episode_length: int32, likewise.
-        active: bool, whether the agent is in play.
+        active: bool, whether the agent is in play now: in the new episode where one has ended.
+        played: bool, whether it was in play in the step.
     """
 
     obs: Any
@@ -37,6 +38,7 @@ class Step(NamedTuple):
     episode_return: jax.Array
     episode_length: jax.Array
     active: jax.Array
+    played: jax.Array
 
 
 class Rows:
@@ -104,7 +106,7 @@ class Rows:
         self._states = self.worlds.reset(key, stagger=stagger)
         if self._other is not None:
             self._memory = self._other.memory(self.worlds.n_worlds)
-        return self._shown(self._states)
+        return self._shown(self._states, self._states.active)
 
     def step(self, chosen: Any) -> Step:
         """Steps all worlds.
@@ -120,15 +122,17 @@ class Rows:
         self.of.check(chosen, (self.n_rows,), "actions")  # `Worlds.step` checks the numbers
         self._key, key = jax.random.split(self._key)
         params = () if self._other is None else self._other.params
-        action, self._memory = self._decide(self._states, chosen, key, self._memory, params)
+        action, self._memory, played = self._decide(self._states, chosen, key, self._memory, params)
         self._states = self.worlds.step(self._states, action)
-        return self._shown(self._states)
+        return self._shown(self._states, played)
 
-    def _all_actions(self, states: Any, chosen: Any, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any]:
+    def _all_actions(self, states: Any, chosen: Any, key: jax.Array, memory: Any, params: Any) -> tuple[Any, Any, Any]:
+        """Returns the actions of all agents, the others' memory, and who plays, copied before states are donated."""
+        played = jnp.copy(states.active)
         n, mine = self.worlds.n_worlds, len(self._slots)
         ours = self.of.action(jax.tree.map(lambda x: x.reshape(n, mine, *x.shape[1:]), chosen))
         if self._other is None:
-            return ours, memory
+            return ours, memory, played
         keys, memory = jax.random.split(key, n), forgotten(memory, states.done)
         theirs, memory = jax.vmap(self._other.play, (0, 0, 0, None))(states, keys, memory, params)
 
@@ -137,9 +141,9 @@ class Rows:
             kind = jnp.promote_types(others.dtype, mine.dtype)
             return jnp.asarray(others, kind).at[:, self._slots].set(mine.astype(kind))
 
-        return {name: join(x, ours[name]) for name, x in theirs.items()}, memory
+        return {name: join(x, ours[name]) for name, x in theirs.items()}, memory, played
 
-    def _rows(self, states: Any) -> Step:
+    def _rows(self, states: Any, played: jax.Array) -> Step:
         n, mine = self.worlds.n_worlds, len(self._slots)
 
         def agents(x: jax.Array) -> jax.Array:
@@ -158,4 +162,5 @@ class Rows:
             episode_return=agents(states.episode_return),
             episode_length=every(states.episode_length),
             active=agents(states.active),
+            played=agents(played),
         )

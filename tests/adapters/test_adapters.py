@@ -161,7 +161,7 @@ def test_a_vector_env_is_the_worlds(worlds, vectors):
     for i in range(HORIZON + 1):
         np.testing.assert_array_equal(obs, np.reshape(states.obs["obs"], (16, -1)))
         np.testing.assert_array_equal(infos["active"], np.ravel(states.active))
-        action = envs.action_space.sample()
+        action, active = envs.action_space.sample(), np.ravel(states.active)
         states = twin.step(states, of.action(jnp.asarray(action).reshape(4, 4, -1)))
         obs, reward, terminated, truncated, infos = envs.step(action)
         np.testing.assert_array_equal(reward, np.ravel(states.reward))
@@ -173,6 +173,8 @@ def test_a_vector_env_is_the_worlds(worlds, vectors):
             np.testing.assert_array_equal(np.stack(infos["final_obs"]), final)
             np.testing.assert_array_equal(infos["final_info"]["episode_return"], np.ravel(states.episode_return))
             assert set(infos["final_info"]["episode_length"]) == {HORIZON}
+            np.testing.assert_array_equal(infos["final_info"]["active"], active)
+            assert not np.array_equal(active, infos["active"]), "others are in play"
             assert not np.array_equal(final, obs), "a new episode has begun"
 
 
