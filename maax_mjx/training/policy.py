@@ -290,12 +290,12 @@ def _restored(network: Network, saved: dict[str, Any]) -> Weights:
 
 
 def check_policy(policy: Any, argument: str = "policy") -> Policy:
-    """Refuses what is no policy that can learn on.
+    """Returns a policy that can learn on, from its file or name if that is given.
 
     Raises:
         ValueError: something else.
     """
-    policy = check_trained(policy, argument)
+    policy = check_trained(load_any(policy, argument) if isinstance(policy, str | Path) else policy, argument)
     if not isinstance(policy, Policy):
         raise ValueError(
             f"{argument}: got {policy!r}, which plays and does not learn on; takes a training.Policy, such as "

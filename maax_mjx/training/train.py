@@ -29,7 +29,7 @@ def train(
     steps: int | None = None,
     seed: int = 0,
     on_iteration: Callable[[Progress], Any] | None = None,
-    begin_from: Policy | None = None,
+    begin_from: Policy | str | Path | None = None,
     env: Mapping[str, Any] | None = None,
     keep_faults: str | Path | None = None,
     bar: bool = True,
@@ -59,8 +59,9 @@ def train(
         steps: env steps of the whole run; it ends with the iteration that reaches them.
         seed: of the worlds, the weights and all draws.
         on_iteration: called after every iteration; a run ends after it returns False.
-        begin_from: a policy that a new run begins with, also of another game with the same columns; given again with a
-            run that began so, it changes nothing.
+        begin_from: a policy that a new run begins with, or its file, the folder of its run, or the name of one of
+            `training.policies()`; also of another game with the same columns. Given again with a run that began so, it
+            changes nothing.
         env: fields of the game's config to change, such as {"n_boxes": 1}; only with a name.
         keep_faults: folder for the last moments of worlds with faults, see `Worlds`.
         bar: whether stderr shows the progress.

@@ -173,5 +173,10 @@ def test_a_run_begins_with_a_policy_of_another_game(tmp_path):
     assert run.folder.about()["begun_from"]["transfer"] is True
     with pytest.raises(ValueError, match="transfer: got True without begin_from"):
         trainer("c", None)
+    given.save(tmp_path / "given")
+    again = trainer("e", str(tmp_path / "given"))
+    jax.tree.map(np.testing.assert_array_equal, was, again.learner.weights.actor[GROUP]["hidden"])
+    with pytest.raises(ValueError, match=r"^begin_from: got 'quadrant/fort', which is not there \(did you mean"):
+        trainer("f", "quadrant/fort")
     with pytest.raises(ValueError, match=r"transfer: got True with net\.encoder=flat"):
         trainer("d", untrained(**{"net.encoder": "flat"}), **{"net.encoder": "flat"})
