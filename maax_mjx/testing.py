@@ -42,10 +42,6 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
     if not isinstance(env, Environment):
         raise ValueError(f"env: got {env!r}; takes an environment, such as maax.make('tag')")
     _check_declared(env)
-    try:
-        check_space(env.action_space)
-    except ValueError as error:
-        raise AssertionError(str(error)) from error
     keys = jax.random.split(jax.random.key(seed), n_worlds)
     sample = jax.jit(jax.vmap(env.sample_action))
     actions = [jax.device_get(sample(jax.random.split(jax.random.key(seed + 1 + t), n_worlds))) for t in range(n_steps)]
@@ -89,11 +85,12 @@ def check_env(env: Environment, *, n_worlds: int = 3, n_steps: int = 4, seed: in
 
 
 def _check_declared(env: Environment) -> None:
-    """Every observation is declared, with as many columns as it has, and what is declared is observed."""
+    """Agents can share the actions; observations are declared with their columns, and all declared are there."""
     # Imported late: wrappers are made of environments.
     from maax_mjx.wrappers.split import declared_table
 
     try:
+        check_space(env.action_space)
         table = declared_table(env, "check_env", masks=())
     except ValueError as error:
         raise AssertionError(str(error)) from error

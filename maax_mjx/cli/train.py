@@ -24,7 +24,7 @@ from maax_mjx.tasks import short_name
 from maax_mjx.training.begin import KEPT, begun
 from maax_mjx.training.folder import BOARD, CURVES, METRICS, PAST, POLICY, RUN, SAVES, SMALL, is_run
 from maax_mjx.training.learner import RETURN, WHOLE, counted_by
-from maax_mjx.training.policy import check_policy
+from maax_mjx.training.policy import policy_of
 
 REPLAY = "replay.html"
 DEFAULT_MINUTES = 10.0
@@ -104,7 +104,7 @@ def train(args: Train, env: Mapping[str, str]) -> None:
             args.worlds,
             devices=int(args.devices) if args.devices.isdigit() else args.devices,
             seed=args.seed,
-            begin_from=None if args.begin_from is None else check_policy(args.begin_from, "from"),
+            begin_from=None if args.begin_from is None else policy_of(args.begin_from, "from"),
             env=fields,
             keep_faults=args.keep_faults,
             transfer=args.transfer,

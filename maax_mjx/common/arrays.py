@@ -33,3 +33,8 @@ def strong(tree: Any) -> Any:
     compiled twice.
     """
     return jax.tree.map(lambda x: x.astype(x.dtype) if getattr(x, "weak_type", False) else x, tree)
+
+
+def running_mean(mean: jax.Array, x: jax.Array, counts: jax.Array, n: jax.Array) -> jax.Array:
+    """Returns the mean of n numbers, of which the last one is x if it counts, from the mean before."""
+    return mean + (x - mean) * counts / jnp.maximum(n, 1)

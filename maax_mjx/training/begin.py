@@ -18,7 +18,7 @@ from maax_mjx.tasks.config import field_names, from_plain
 from maax_mjx.training.config import GROUPS, TrainConfig
 from maax_mjx.training.folder import Folder, is_run
 from maax_mjx.training.network import Network, Weights
-from maax_mjx.training.policy import check_fits, check_policy
+from maax_mjx.training.policy import Policy, check_fits
 from maax_mjx.training.transfer import transferred
 
 DEFAULT = "its default"
@@ -158,7 +158,7 @@ def preset_in(folder: str | Path) -> str:
     return "laptop" if jax.default_backend() == "cpu" else "gpu"
 
 
-def taken_over(policy: Any, network: Network, key: jax.Array, *, transfer: bool = False) -> Weights:
+def taken_over(policy: Policy, network: Network, key: jax.Array, *, transfer: bool = False) -> Weights:
     """Returns the weights of a policy for another run; a critic that it lacks is drawn.
 
     Args:
@@ -170,7 +170,7 @@ def taken_over(policy: Any, network: Network, key: jax.Array, *, transfer: bool 
     Raises:
         ValueError: a policy of other networks.
     """
-    mine = check_policy(policy, "begin_from").network
+    mine = policy.network
     # In which type the layers compute is no part of what was learnt.
     if replace(mine.net, compute=network.net.compute) != network.net:
         ours, theirs = (asdict(replace(net, compute=network.net.compute)) for net in (network.net, mine.net))

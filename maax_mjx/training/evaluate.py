@@ -362,8 +362,9 @@ def _match(worlds: Worlds, mine: Seated, other: Seated, team: str, opponent: str
     """Plays the first episode of every world; where nobody is left for the opponent, it plays them all again."""
     slots = seats(worlds.env, team)
     played = _play(worlds, mine, other, slots, seed)
-    again = _play(worlds, mine, other, ~slots, seed) if slots.all() else played
-    we, they = played.active & slots, again.active & (slots if slots.all() else ~slots)
+    alone = slots.all()
+    again = _play(worlds, mine, other, ~slots, seed) if alone else played
+    we, they = played.active & slots, again.active & (alone | ~slots)
     whole = played.whole & again.whole & we.any(axis=1) & they.any(axis=1)
     if not whole.any():
         raise ValueError(

@@ -289,13 +289,13 @@ def _restored(network: Network, saved: dict[str, Any]) -> Weights:
     return jax.tree.map(lambda x, wanted: np.asarray(x, wanted.dtype), weights, template)
 
 
-def check_policy(policy: Any, argument: str = "policy") -> Policy:
+def policy_of(given: Any, argument: str) -> Policy:
     """Returns a policy that can learn on, from its file or name if that is given.
 
     Raises:
         ValueError: something else.
     """
-    policy = check_trained(load_any(policy, argument) if isinstance(policy, str | Path) else policy, argument)
+    policy = check_trained(load_any(given, argument) if isinstance(given, str | Path) else given, argument)
     if not isinstance(policy, Policy):
         raise ValueError(
             f"{argument}: got {policy!r}, which plays and does not learn on; takes a training.Policy, such as "

@@ -38,7 +38,7 @@ from maax_mjx.training.folder import POLICY, SAVES, SMALL, Folder, settings_of
 from maax_mjx.training.league import League, worlds_of_each
 from maax_mjx.training.learner import RETURN, compile_iteration, counted_by, new_learner
 from maax_mjx.training.network import Network
-from maax_mjx.training.policy import Policy, check_policy, game_of
+from maax_mjx.training.policy import Policy, game_of, policy_of
 from maax_mjx.training.visited import Archive
 from maax_mjx.wrappers.split import declared_table
 
@@ -125,7 +125,7 @@ class Trainer:
         self.league = League(self.config.league.keep)
         if check_bool("transfer", transfer) and begin_from is None:
             raise ValueError("transfer: got True without begin_from (--from); takes a policy to begin with as well")
-        begin_from = None if begin_from is None else check_policy(begin_from, "begin_from")
+        begin_from = None if begin_from is None else policy_of(begin_from, "begin_from")
         weights = (
             self.network.draw(draw)
             if begin_from is None

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
+from maax_mjx.common.arrays import running_mean
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -96,8 +97,7 @@ class TrackStats(StateWrapper):
         playing = state.step > (self._prep_steps or 0)
         played = stats.played + playing
         if self._rule is not None:
-            share = totals["caught"]
-            totals["caught"] = share + (self._rule.caught(state) - share) * playing / jnp.maximum(played, 1)
+            totals["caught"] = running_mean(totals["caught"], self._rule.caught(state), playing, played)
         if self._catches:
             new = (touching & ~stats.touching & self._pairs).sum()
             totals["catches"] += jnp.where(playing, new, 0).astype(jnp.int32)

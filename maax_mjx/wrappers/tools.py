@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
+from maax_mjx.common.arrays import running_mean
 from maax_mjx.common.params import DomainParams
 from maax_mjx.core.env import Environment
 from maax_mjx.core.state import State
@@ -117,7 +118,7 @@ class TrackTools(StateWrapper):
         if self._sight:
             sees = state.mechanics[LineOfSight.name]["sees_agent"]
             seen = (sees & seekers[:, None] & hiders).any()
-            totals["seen"] += (seen - totals["seen"]) * playing / jnp.maximum(played, 1)
+            totals["seen"] = running_mean(totals["seen"], seen, playing, played)
             totals["breach"] = totals["enclosed_prep"] * (totals["seen"] > 0)
         agents = self.base.agents
         there = state.world.active[agents.kind]
