@@ -8,12 +8,19 @@ import numpy as np
 from gymnasium import spaces
 
 from maax_mjx.adapters.gymnasium import gymnasium_vector
+from maax_mjx.common.checks import check_bool
 from maax_mjx.common.errors import MissingLibraryError, brought_by
 from maax_mjx.parallel import Worlds
 
 
 def stable_baselines3(
-    worlds: Worlds, team: str | None = None, policy: Any = None, *, flat: bool = True, seed: int = 0
+    worlds: Worlds,
+    team: str | None = None,
+    policy: Any = None,
+    *,
+    flat: bool = True,
+    seed: int = 0,
+    stagger: bool = False,
 ) -> Any:
     """Makes a `VecEnv` of Stable-Baselines3 whose environments are the agents of a team, or all agents.
 
@@ -23,15 +30,18 @@ def stable_baselines3(
     Example:
         ```python
         worlds = maax.Worlds(maax.make("hide_and_seek_quadrant", observations="ego"), 32)
-        PPO("MlpPolicy", adapters.stable_baselines3(worlds, "seekers", "random")).learn(100_000)
+        PPO("MlpPolicy", adapters.stable_baselines3(worlds, "seekers", "random", stagger=True)).learn(100_000)
         ```
 
     Args:
         worlds, team, policy, flat, seed: as for `gymnasium_vector`.
+        stagger: whether `reset` spreads the ends of the first episodes, as training does best; these are shorter, and
+            their returns smaller. False for `evaluate_policy`, which counts the first episodes.
 
     Raises:
         MissingLibraryError: without Stable-Baselines3, the extra "stable-baselines3".
-        ValueError: what `gymnasium_vector` refuses, or actions of numbers and choices together.
+        ValueError: what `gymnasium_vector` refuses, actions of numbers and choices together, or `stagger` with an
+            endless game.
     """
     try:
         from stable_baselines3.common.vec_env import VecEnv
@@ -39,6 +49,8 @@ def stable_baselines3(
         raise MissingLibraryError(
             f"stable_baselines3: needs Stable-Baselines3; {brought_by('stable-baselines3')}"
         ) from error
+    if check_bool("stagger", stagger) and worlds.env.base.horizon is None:
+        raise ValueError("stagger: got True for a game without a horizon, whose episodes do not end; takes False")
     envs = gymnasium_vector(worlds, team, policy, flat=flat, seed=seed)
     envs.rows.of.one_kind("worlds")
 
@@ -56,7 +68,6 @@ def stable_baselines3(
             self._reset_seeds()
             if any(self._options):
                 raise ValueError(f"options: got {self._options}; takes none")
-            stagger = worlds.env.base.horizon is not None
             return _seen(envs.reset(seed=seeds[0] if seeds else None, options={"stagger": stagger})[0], envs.num_envs)
 
         def step_async(self, actions: np.ndarray) -> None:

@@ -193,7 +193,7 @@ def learn_sb3(config: Config, seed: int, clock: Clock) -> None:
             if self.num_timesteps:
                 clock.note(self.num_timesteps // AGENTS, self.reward)
 
-    worlds = adapters.stable_baselines3(maax.Worlds(gather(), config.worlds), seed=seed)
+    worlds = adapters.stable_baselines3(maax.Worlds(gather(), config.worlds), seed=seed, stagger=True)
     settings = {"n_steps": 50, "batch_size": 800, "n_epochs": 4, "gamma": 0.95, "learning_rate": 1e-3}
     PPO("MlpPolicy", worlds, device="cpu", seed=seed, **settings).learn(1_000_000_000, callback=Noted())
 

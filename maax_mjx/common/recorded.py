@@ -78,6 +78,22 @@ def _differences(config: Any, default: Any, where: str) -> dict[str, Any]:
     return found
 
 
+def unchanged(config: Any) -> dict[str, Any]:
+    """Returns the fields of a dataclass that have their defaults, by name, inner ones by dotted name."""
+    return _unchanged(config, type(config)(), "")
+
+
+def _unchanged(config: Any, default: Any, where: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for f in fields(config):
+        value, usual = getattr(config, f.name), getattr(default, f.name)
+        if is_dataclass(value) and type(value) is type(usual):
+            found |= _unchanged(value, usual, f"{where}{f.name}.")
+        elif value is usual or value == usual:
+            found[f"{where}{f.name}"] = value
+    return found
+
+
 def plain_config(config: dict[str, Any]) -> dict[str, Any]:
     """Returns fields of a config as JSON has them, with functions and objects as texts."""
     return json.loads(json.dumps(config, default=_plain))

@@ -20,6 +20,7 @@ from jax.sharding import PartitionSpec as P
 from maax_mjx.common.checks import LONG, check_bool, check_count, described
 from maax_mjx.common.keys import as_key, keyless
 from maax_mjx.common.runtime import is_out_of_memory
+from maax_mjx.core.identity import difference
 from maax_mjx.parallel.episodes import WorldsState
 from maax_mjx.parallel.saved import (
     ABOUT,
@@ -29,7 +30,6 @@ from maax_mjx.parallel.saved import (
     boxed,
     check_others,
     checksums,
-    game_text,
     name_of,
     named,
     unboxed,
@@ -82,9 +82,11 @@ class Checkpoints:
             number: number of the save; None reads the latest.
 
         Returns:
-            A dict with "n_worlds" and the "engine"; of a game that `maax.make` made also its name, "game", and the
-            fields of its config that differ from the defaults, "config": `maax.make(about["game"], **about["config"])`
-            makes it again, unless it has functions or modules, which are texts here. Empty for a save without worlds.
+            A dict with "n_worlds" and the "engine"; of a game that `maax.make` made also its name, "game", the fields
+            of its config that differ from the defaults, "config", and those "defaults":
+            `maax.make(about["game"], **about["config"])` makes it again, unless it has functions or modules, which are
+            texts here. "layers" are texts of the wrappers around it, or of an environment of one's own. Empty for a
+            save without worlds.
 
         Raises:
             FileNotFoundError: no such save.
@@ -325,10 +327,10 @@ class Checkpoints:
         Of resized worlds the first axis may be another.
         """
         was, now = self.about(number), about_worlds(worlds)
-        if "game" in was and "game" in now and (game := game_text(was)) != (here := game_text(now)):
+        if was and (other := difference(was, now, wrappers=False)):
             return (
-                f"got {here}, and {self.folder} has {game}; takes worlds of the same game, or None for what else was "
-                "saved"
+                f"{self.folder} has worlds of another environment, {other}; takes worlds of the same, or None for what "
+                "else was saved"
             )
         if not resized and saved["step"][0] != worlds.n_worlds:
             return (

@@ -11,7 +11,7 @@ import numpy as np
 
 from maax_mjx.common.checks import described
 from maax_mjx.common.keys import as_key, keyless
-from maax_mjx.common.recorded import differing, plain_config
+from maax_mjx.core.identity import about_environment
 from maax_mjx.parallel.worlds import Worlds
 
 STATES, ABOUT, BOX = "states", "about", "tree"
@@ -65,12 +65,5 @@ def unboxed(found: Any, like: Any) -> Any:
 
 def about_worlds(worlds: Worlds) -> dict[str, Any]:
     """Returns what `Checkpoints.about` tells."""
-    env, made = worlds.env, worlds.env.made_from
-    game = {} if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
-    return {**game, "n_worlds": worlds.n_worlds, "engine": env.base.engine.impl}
-
-
-def game_text(about: dict[str, Any]) -> str:
-    """Returns a text for a game and what was changed in it but its engine."""
-    fields = ", ".join(f"{name}={value!r}" for name, value in sorted(about["config"].items()) if name != "impl")
-    return f"{about['game']}({fields})"
+    env = worlds.env
+    return {**about_environment(env), "n_worlds": worlds.n_worlds, "engine": env.base.engine.impl}

@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_args
 
 from maax_mjx.common.annotated import check_fields, check_value, field_kinds
 from maax_mjx.common.checks import check_choice
+from maax_mjx.common.recorded import plain_config, unchanged
 from maax_mjx.core.env import Environment
 from maax_mjx.modules import Module
 from maax_mjx.wrappers.extend import Layers, extended
@@ -102,6 +103,20 @@ def from_plain(config: type, values: Mapping[str, Any]) -> dict[str, Any]:
             value = inner(**from_plain(inner, value)) if isinstance(value, Mapping) else value
         found[name] = with_tuples(value)
     return found
+
+
+def recorded_fields(config: Any, game: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the fields of a game that a file has, as its config takes them.
+
+    A field that had its default has the value of then, where its default is another one today.
+
+    Args:
+        config: the game's config with the defaults of today.
+        game: as `core.identity.about_game` returns it.
+    """
+    today = plain_config(unchanged(config))
+    then = {name: value for name, value in game.get("defaults", {}).items() if today.get(name, value) != value}
+    return from_plain(type(config), {**then, **game["config"]})
 
 
 def inner_config(config: type, name: str) -> type | None:

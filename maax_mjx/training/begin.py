@@ -13,15 +13,15 @@ import jax.numpy as jnp
 
 from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment, check_environment
+from maax_mjx.core.identity import DEFAULT, OWN, difference, differences
 from maax_mjx.tasks import config_of, make, tasks
-from maax_mjx.tasks.config import field_names, from_plain
+from maax_mjx.tasks.config import field_names, recorded_fields
 from maax_mjx.training.config import GROUPS, TrainConfig
 from maax_mjx.training.folder import Folder, is_run
 from maax_mjx.training.network import Network, Weights
 from maax_mjx.training.policy import Policy, check_fits
 from maax_mjx.training.transfer import transferred
 
-DEFAULT = "its default"
 ENV = "env."
 """What names of the game's fields begin with, among settings of a training."""
 KEPT = ("save_minutes", "save_worlds", "tensorboard")
@@ -81,7 +81,7 @@ def begun(folder: str | Path) -> Begun:
         raise ValueError(f"game: got {folder}, a run of an environment of one's own; takes one of a registered game")
     was = {f"{group}.{name}": value for group in GROUPS for name, value in settings.get(group, {}).items()}
     was |= {name: settings[name] for name in KEPT if name in settings}
-    fields = from_plain(type(config_of(game["game"])), game["config"])
+    fields = recorded_fields(config_of(game["game"]), game)
     return Begun(game["game"], about["preset"], about["seed"], settings["worlds"], fields, was)
 
 
@@ -175,7 +175,7 @@ def taken_over(policy: Policy, network: Network, key: jax.Array, *, transfer: bo
     if replace(mine.net, compute=network.net.compute) != network.net:
         ours, theirs = (asdict(replace(net, compute=network.net.compute)) for net in (network.net, mine.net))
         raise ValueError(
-            f"begin_from (--from): got a policy of other networks than the run's, {_differing(theirs, ours, 'net.')}; "
+            f"begin_from (--from): got a policy of other networks than the run's, {differences(theirs, ours, 'net.')}; "
             "takes one of the same, or these settings in the run"
         )
     drawn = network.draw(key)
@@ -199,15 +199,11 @@ def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
     Raises:
         ValueError: another game, network or seed; the message names the first that differs.
     """
-    was, about = _any_engine(folder.about()), _any_engine(about)
+    was = folder.about()
     for name in ("game", "columns", "teams", "net", "seed"):
-        # Runs of before there were names of teams have none.
-        if was.get(name, about[name] if name == "teams" else None) != about[name]:
-            # Presets differ in five settings of the networks, none of which anybody gave.
-            other = "preset" if name == "net" and was.get("preset") != about["preset"] else name
+        if other := _other(name, was, about):
             raise ValueError(
-                f"folder: got {folder.path}, which has a run with {_other(other, was.get(other), about[other])}; takes "
-                "that run's, or another folder (--out)"
+                f"folder: got {folder.path}, which has a run with {other}; takes that run's, or another folder (--out)"
             )
 
 
@@ -261,28 +257,33 @@ def _by_dotted_name(settings: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _other(name: str, was: Any, now: Any) -> str:
-    """How what a run trains differs from what is asked for, in a few words."""
-    if name == "columns":
-        was = was or {}
-        return "other columns of " + ", ".join(x for x in dict.fromkeys((*was, *now)) if was.get(x) != now.get(x))
-    if name == "game" and was and now and was["game"] == now["game"]:
-        return _differing(was["config"], now["config"], "env.")
+def _other(name: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """How what a run trains differs from what is asked for, in a few words; empty if it does not.
+
+    Engines do not count: what was learnt travels between machines.
+    """
     if name == "game":
-        was, now = (game["game"] if game else "one's own" for game in (was, now))
-    if isinstance(was, Mapping):
-        return _differing(was, now, f"{name}.")
-    return f"{name}={was}, not {now}"
+        return _other_game(was, now)
+    before, after = was.get(name), now[name]
+    if before == after or (name == "teams" and before is None):  # as of runs of before there were names of teams
+        return ""
+    # Presets differ in five settings of the networks, none of which anybody gave.
+    if name == "net" and was.get("preset") != now["preset"]:
+        return f"preset={was.get('preset')}, not {now['preset']}"
+    if name == "columns":
+        before = before or {}
+        return "other columns of " + ", ".join(
+            x for x in dict.fromkeys((*before, *after)) if before.get(x) != after.get(x)
+        )
+    return differences(before, after, f"{name}.") if isinstance(before, Mapping) else f"{name}={before}, not {after}"
 
 
-def _differing(was: Mapping[str, Any], now: Mapping[str, Any], prefix: str) -> str:
-    """The fields that differ, such as "net.core=gru, not lstm"; one that is not there has its default."""
-    names = [name for name in dict.fromkeys((*was, *now)) if was.get(name, DEFAULT) != now.get(name, DEFAULT)]
-    return "; ".join(f"{prefix}{name}={was.get(name, DEFAULT)}, not {now.get(name, DEFAULT)}" for name in names)
-
-
-def _any_engine(about: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns what a run trains without the engine that it steps on: what was learnt travels between machines."""
-    game = about.get("game")
-    config = {name: value for name, value in game["config"].items() if name != "impl"} if game else {}
-    return {**about, "game": game and {**game, "config": config}}
+def _other_game(was: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """How the game of a run differs from the one that is asked for."""
+    named, asked = was["game"], now["game"]
+    if named and asked:
+        return difference(named, asked)
+    if named or asked:
+        return f"game={', not '.join(game['game'] if game else OWN for game in (named, asked))}"
+    # Of environments of one's own; runs of before these were noted have nothing to compare.
+    return difference(was["environment"], now["environment"]) if was.get("environment") else ""

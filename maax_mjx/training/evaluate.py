@@ -261,7 +261,9 @@ def _past(argument: str, folder: str, steps: str) -> Policy:
     try:
         wanted = float(steps.rstrip("kMG")) * unit
     except ValueError:
-        raise ValueError(f"{argument}: got {steps!r} after the @; takes a number of steps, such as 50M") from None
+        wanted = -1.0
+    if not wanted >= 0:
+        raise ValueError(f"{argument}: got {steps!r} after the @; takes a number of steps, such as 50M")
     past = Folder(folder).past() if Path(folder).is_dir() else []
     if not past:
         raise ValueError(f"{argument}: got {folder}, which has no past policies; takes the folder of a run")

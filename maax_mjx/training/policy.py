@@ -16,9 +16,10 @@ import numpy as np
 from flax import serialization
 
 from maax_mjx.common.checks import described, suggestion
-from maax_mjx.common.recorded import differing, plain_config, short
+from maax_mjx.common.recorded import short
 from maax_mjx.common.whole import whole
 from maax_mjx.core.env import Environment
+from maax_mjx.core.identity import about_game
 from maax_mjx.core.state import State
 from maax_mjx.tasks.config import with_tuples
 from maax_mjx.training.actions import Head, mode, sample
@@ -251,9 +252,8 @@ def _choices(head: Head | None) -> str:
 
 
 def game_of(env: Environment) -> dict[str, Any] | None:
-    """Returns name and config of an environment's game, as JSON takes them; None if it was not made by name."""
-    made = env.made
-    return None if made is None else {"game": made.name, "config": plain_config(differing(made.config))}
+    """Returns an environment's game, as `about_game` has it; None if it was not made by name."""
+    return None if env.made is None else about_game(env.made)
 
 
 def _network_of(fields: dict[str, Any]) -> Network:

@@ -19,6 +19,7 @@ from maax_mjx.common.checks import LONG, check_bool, check_count, described
 from maax_mjx.common.conditions import conditions
 from maax_mjx.common.runtime import is_out_of_memory
 from maax_mjx.core.env import Environment
+from maax_mjx.core.identity import about_environment
 from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
@@ -141,6 +142,7 @@ class Trainer:
         settings = settings_of(self.config)
         about = {
             "game": game_of(self.env),
+            "environment": None if self.env.made else about_environment(self.env),
             "preset": preset,
             "columns": {name: list(columns) for name, columns in self.network.spec.columns().items()},
             "teams": list(self.env.teams),

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks import config_of, make
-from maax_mjx.tasks.config import from_plain
+from maax_mjx.tasks.config import recorded_fields
 
 
 class TrainedPolicy(ABC):
@@ -58,11 +58,10 @@ class TrainedPolicy(ABC):
                 "takes that environment: training.evaluate(policy, env=env)"
             )
         try:
-            config = type(config_of(self.game["game"]))
+            config = config_of(self.game["game"])
         except ValueError as error:
             raise ValueError(
                 f"{error}; of a game in a file of one's own, import the file first, or train it by its file's name, "
                 f"my_game.py:{self.game['game']}"
             ) from None
-        fields = from_plain(config, self.game["config"])
-        return make(self.game["game"], **(fields | overrides))
+        return make(self.game["game"], **(recorded_fields(config, self.game) | overrides))

@@ -24,7 +24,8 @@ class CriticObservations(ObservationWrapper):
     A policy's view and a critic's are two maskings of the same arrays: a policy sees what its `seen` masks show, the
     critic of all sees everything in play, and the critic of a team what any of the team sees. Adds, for critics only:
 
-    - `time_left` (n_agents, 1): share of the episode that is left, from 1 down to 0; of an endless game always 1.
+    - `time_left` (n_agents, 1): share of the episode that is left, from 1 down to 0; of an endless game always 1. What
+      is observed under this name already, as with `EgocentricObservations`, stays as it is.
     - `who_sees_whom` (n_agents, n_agents, n_agents), with `LineOfSight`: per observer, which agents (rows) see which
       (columns), both in the observer's circulant order: itself, i - 1, i - 2, ... A team's critic knows only its team's
       rows.
@@ -36,7 +37,8 @@ class CriticObservations(ObservationWrapper):
         observe: "all" or "team": whose view the critic has.
 
     Raises:
-        ValueError: observations that are not split; "team" without `TeamMembership` and `LineOfSight`.
+        ValueError: observations that are not split; "team" without `TeamMembership` and `LineOfSight`, or where a mask
+            of what agents see is not observed.
     """
 
     name = "critic_observations"
@@ -54,24 +56,29 @@ class CriticObservations(ObservationWrapper):
                 raise ValueError("observe: got 'team' without LineOfSight, so that nothing is hidden; takes 'all'")
             team = self.inner(TeamMembership).team_index
             self._mates = team == team[:, None]
+            for mask in self._team_masks():
+                if mask not in env.observation_space.spaces:
+                    raise ValueError(f"observe: got 'team' where {mask!r} is not observed; takes that mask, or 'all'")
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         n = self.base.n_agents
-        obs = state.obs | {"time_left": time_left(state, self.base.horizon, n)}
+        obs = {"time_left": time_left(state, self.base.horizon, n)} | state.obs
         if self._sight is None:
             return obs
-        masks = state.mechanics[LineOfSight.name]
-        order = self._order
-        known = masks["sees_agent"] & self._mates[:, :, None]
+        order, sees_agent = self._order, state.mechanics[LineOfSight.name]["sees_agent"]
+        known = sees_agent & self._mates[:, :, None]
         obs["who_sees_whom"] = known[np.arange(n)[:, None, None], order[:, :, None], order[:, None, :]]
         for name in self._team_masks():
-            sees = masks.get(name, state.obs[name] > 0)
-            ours = (self._mates[:, :, None] & sees).any(axis=1)
-            obs[f"team_{name}"] = ours[np.arange(n)[:, None], order[:, 1:]] if name == "sees_agent" else ours
+            sees = sees_agent if name == "sees_agent" else jnp.asarray(state.obs[name] > 0)
+            ours = jnp.any(self._mates[:, :, None] & sees, axis=1)
+            if name == "sees_agent":
+                ours = ours[np.arange(n)[:, None], order[:, 1:]]
+                ours = jnp.pad(ours, ((0, 0), (0, state.obs[name].shape[1] - (n - 1))))  # as SpoofEntities pads it
+            obs[f"team_{name}"] = ours
         return obs
 
     def declared(self) -> dict[str, Observed]:
-        table = self.env.declared() | {"time_left": Observed((AGENT,), flag("time left"), critic=True)}
+        table = {"time_left": Observed((AGENT,), flag("time left"), critic=True)} | self.env.declared()
         if self._sight is None:
             return table
         table["who_sees_whom"] = Observed((AGENT, AGENT, AGENT), critic=True)

@@ -69,10 +69,12 @@ class FlattenObservations(ObservationWrapper):
     """
 
     requires = (SplitObservations,)
-    follows = (CriticObservations, EgocentricObservations)
+    follows = (CriticObservations, EgocentricObservations, MaskObservations)
 
     def __init__(self, env: Environment):
         super().__init__(env)
+        if find(env, FlattenObservations) is not None:
+            raise ValueError("FlattenObservations: got an environment with one; takes it once")
         table = declared_table(env, "FlattenObservations", masks=("seen",))
         for name, one in table.items():
             if not one.is_of_agents:
@@ -87,6 +89,13 @@ class FlattenObservations(ObservationWrapper):
         self._critics = [name for name, one in self._table.items() if one.critic]
         critic = find(env, CriticObservations)
         self._critic = None if critic is None else critic.of
+        self._teams = {name: f"team_{mask}" for name, mask in self._seen.items()} if self._critic == "team" else {}
+        for name, mask in self._teams.items():
+            if mask not in table:
+                raise ValueError(
+                    f"FlattenObservations: {mask!r}, by which a team's critic sees {name!r}, is not observed; takes it "
+                    "as well, in SelectObservations"
+                )
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         mask = self._mask(state)
@@ -94,8 +103,7 @@ class FlattenObservations(ObservationWrapper):
         seen = jnp.where(mask, _flat(_masked(state.obs, self._seen), self._policys), 0.0)
         obs = {"obs": seen, "obs_mask": mask}
         if self._critic is not None:
-            team = {name: f"team_{mask}" for name, mask in self._seen.items()} if self._critic == "team" else {}
-            whole = _flat(_masked(state.obs, team), self._policys)
+            whole = _flat(_masked(state.obs, self._teams), self._policys)
             obs["critic"] = jnp.concatenate([whole, _flat(state.obs, self._critics)], axis=1)
         return obs
 

@@ -90,51 +90,72 @@ class ConcatenateObservations(ObservationWrapper):
 class SpoofEntities(ObservationWrapper):
     """Pads entities to a fixed number, so that one policy serves worlds of different sizes (Baker et al.).
 
+    Adds `<name>_spoof` (n_agents, total), False for padding, for every mask that it pads, and for every other
+    observation in `keys` without a mask of what is in play, whose mask it then is.
+
     Args:
         env: environment to wrap, with split observations.
         total: number of entities after padding.
         keys: observations (n_agents, k, ...), padded with zeros to (n_agents, total, ...).
-        mask_keys: masks (n_agents, k), padded with False; adds `<name>_spoof` (n_agents, total), False for padding.
+        mask_keys: masks (n_agents, k), padded with False; None takes the declared masks of `keys`.
 
     Raises:
-        ValueError: a name that is not observed, or an observation of more entities than `total`.
+        ValueError: a name that is not observed, an observation of more entities than `total`, or `mask_keys` without a
+            mask of `keys`, which would show what it hides.
     """
 
-    def __init__(self, env: Environment, total: int, keys: Sequence[str], mask_keys: Sequence[str] = ()):
+    def __init__(self, env: Environment, total: int, keys: Sequence[str], mask_keys: Sequence[str] | None = None):
         super().__init__(env)
         self.total = check_count("total", total, minimum=1)
-        self.keys, self.mask_keys = tuple(keys), tuple(mask_keys)
-        check_names(env.observation_space.spaces, [*keys, *mask_keys])
-        for key in [*keys, *mask_keys]:
+        self.keys, spaces = tuple(keys), env.observation_space.spaces
+        check_names(spaces, self.keys)
+        masks = _masks_of(env, self.keys)
+        self.mask_keys = masks if mask_keys is None else tuple(mask_keys)
+        check_names(spaces, self.mask_keys)
+        for mask in masks:
+            if mask not in self.mask_keys:
+                raise ValueError(f"mask_keys: got {list(self.mask_keys)}; takes {mask!r}, of these keys, as well")
+        for key in [*self.keys, *self.mask_keys]:
             shape = env.observation_space[key].shape or ()
             if len(shape) < 2 or shape[1] > total:
                 raise ValueError(f"{key}: has shape {shape}; takes (n_agents, k, ...) with k up to total, {total}")
             one = env.observed.get(key)
             if one is not None and len(one.axes) < 2:
                 raise ValueError(f"{key}: has axes {one.axes}; takes an observation with rows of several things")
+        bare = [key for key in self.keys if key in env.observed and env.observed[key].present is None]
+        self._marked = dict.fromkeys((*self.mask_keys, *bare))
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         obs = dict(state.obs)
         for key in [*self.keys, *self.mask_keys]:
             x = state.obs[key]
             obs[key] = jnp.pad(x, [(0, 0), (0, self.total - x.shape[1])] + [(0, 0)] * (x.ndim - 2))
-            if key in self.mask_keys:
+            if key in self._marked:
                 real = jnp.arange(self.total) < x.shape[1]
-                obs[f"{key}_spoof"] = jnp.broadcast_to(real, obs[key].shape)
+                obs[_spoof(key)] = jnp.broadcast_to(real, obs[key].shape[:2])
         return obs
 
     def declared(self) -> dict[str, Observed]:
         table = dict(self.env.observed)
-        padded = {*self.keys, *self.mask_keys}
-        for key in padded & set(table):
+        for key in {*self.keys, *self.mask_keys} & set(table):
             one = table[key]
             axes = (one.axes[0], f"{one.axes[1]} of {self.total}", *one.axes[2:])
-            # A mask that is not padded does not fit any more.
-            seen, present = (mask if mask in padded else None for mask in (one.seen, one.present))
-            table[key] = replace(one, axes=axes, seen=seen, present=present)
-            if key in self.mask_keys:
-                table[f"{key}_spoof"] = Observed(axes)
+            present = _spoof(key) if key in self._marked and key not in self.mask_keys else one.present
+            table[key] = replace(one, axes=axes, present=present)
+            if key in self._marked:
+                table[_spoof(key)] = Observed(axes[:2])
         return table
+
+
+def _spoof(key: str) -> str:
+    return f"{key}_spoof"
+
+
+def _masks_of(env: Environment, keys: Sequence[str]) -> tuple[str, ...]:
+    """Returns the observed masks of observations, those of a team's critic among them."""
+    every = [env.observed[key] for key in keys if key in env.observed]
+    named = [mask for one in every for mask in (one.present, one.seen, one.seen and f"team_{one.seen}") if mask]
+    return tuple(mask for mask in dict.fromkeys(named) if mask in env.observation_space.spaces)
 
 
 class AddConstantObservations(ObservationWrapper):

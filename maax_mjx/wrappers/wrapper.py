@@ -284,7 +284,7 @@ class RewardWrapper(Wrapper):
                 f"reward: {type(self).__name__} returned {got}; takes an array {(self.n_agents,)}, one number for each "
                 "agent"
             )
-        return state.replace(reward=jnp.asarray(reward, jnp.float32))
+        return state.replace(reward=jnp.asarray(reward, state.reward.dtype))
 
 
 IMPLEMENTED: tuple[tuple[type[Wrapper], str, tuple[str, ...]], ...] = (

@@ -429,12 +429,40 @@ def test_stable_baselines3_learns_from_dicts(ego):
     assert learner.num_timesteps == 2 * envs.num_envs * HORIZON
 
 
+class Paid(maax.RewardWrapper):
+    """One a step, so that an episode's return is its length."""
+
+    def reward(self, state):
+        return jnp.ones(self.n_agents)
+
+
+def test_stable_baselines3_evaluates_whole_episodes(env):
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.evaluation import evaluate_policy
+
+    worlds = maax.Worlds(Paid(env), 4)
+    envs = adapters.stable_baselines3(worlds)
+
+    class Still:
+        """Anything that acts."""
+
+        def predict(self, obs, **_):
+            return np.stack([envs.action_space.sample() for _ in range(envs.num_envs)]), None
+
+    returns, lengths = evaluate_policy(Still(), envs, n_eval_episodes=envs.num_envs, return_episode_rewards=True)
+    assert set(returns) == set(lengths) == {HORIZON}
+    spread = adapters.stable_baselines3(worlds, stagger=True)
+    assert len(set(evaluate_policy(Still(), spread, envs.num_envs, return_episode_rewards=True)[1])) > 1
+    with pytest.raises(ValueError, match="stagger: got True for a game without a horizon"):
+        adapters.stable_baselines3(maax.Worlds(maax.make("tag", impl="c", horizon=None, n_boxes=0), 2), stagger=True)
+
+
 @pytest.mark.slow
 def test_stable_baselines3_learns(worlds):
     library = pytest.importorskip("stable_baselines3")
     from stable_baselines3.common.vec_env import VecMonitor
 
-    envs = VecMonitor(adapters.stable_baselines3(worlds, "seekers", "still"))
+    envs = VecMonitor(adapters.stable_baselines3(worlds, "seekers", "still", stagger=True))
     learner = library.PPO("MlpPolicy", envs, n_steps=HORIZON, batch_size=16, device="cpu")
     learner.learn(4 * 8 * HORIZON)
     assert len(learner.ep_info_buffer) >= 8

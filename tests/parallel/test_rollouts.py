@@ -218,7 +218,7 @@ def test_a_restored_run_goes_on_bit_for_bit(worlds, start, rolled, tmp_path):
         again.save(5, worlds, states)
 
 
-def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
+def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path, monkeypatch):
     checkpoints = maax.Checkpoints(tmp_path)
     checkpoints.save(0, worlds, start)
     assert checkpoints.fits(worlds)
@@ -228,10 +228,15 @@ def test_a_save_of_other_worlds_is_refused(worlds, start, tmp_path):
     other = maax.make("standard", impl="c", n_hiders=1, n_seekers=1, n_boxes=2)
     assert not checkpoints.fits(maax.Worlds(other, N))
     with pytest.raises(
-        ValueError, match=r"got standard\(n_boxes=2, .*\), and .* has standard\(horizon=4, .*of the same game"
+        ValueError, match=r"has worlds of another environment, env\.horizon=4, not .*takes worlds of the"
     ):
         checkpoints.restore(maax.Worlds(other, N))
     other.made = None  # an environment that is no game
+    with pytest.raises(
+        ValueError, match=r"another environment, game=standard, not one's own; takes worlds of the same"
+    ):
+        checkpoints.restore(maax.Worlds(other, N))
+    monkeypatch.setattr("maax_mjx.parallel.checkpoint.difference", lambda *_, **__: "")
     with pytest.raises(ValueError, match=r"has .* of shape .*, these worlds .* takes worlds of the same environment"):
         checkpoints.restore(maax.Worlds(other, N))
 
@@ -240,9 +245,11 @@ def test_a_save_says_what_it_is_of(worlds, start, tmp_path):
     checkpoints = maax.Checkpoints(tmp_path)
     checkpoints.save(0, worlds, start)
     about = maax.Checkpoints(tmp_path).about()
+    assert about.pop("defaults")["floor_size"] == maax.config_of("standard").floor_size
     assert about == {
         "game": "standard",
         "config": {"impl": "c", "scenario": "empty", "n_hiders": 1, "n_seekers": 1, "n_ramps": 0, "horizon": HORIZON},
+        "layers": [],
         "n_worlds": N,
         "engine": "c",
     }

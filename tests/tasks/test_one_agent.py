@@ -57,7 +57,7 @@ def test_transfer_tasks_are_observed_in_every_mode(game):
 
 def test_a_crowd_of_none_is_padded():
     split = alone("split")
-    padded = maax.SpoofEntities(split, 3, ["agent_qpos_qvel", "box_obs"], ["agent_mask", "box_mask"])
+    padded = maax.SpoofEntities(split, 3, ["agent_qpos_qvel", "box_obs"])
     state = jax.jit(padded.reset)(seeds.key(0))
     assert padded.observation_space.contains(jax.device_get(state.obs))
     assert state.obs["agent_qpos_qvel"].shape[1] == 3

@@ -310,6 +310,10 @@ def test_other_runs_are_refused(run, tmp_path):
         training.Trainer(echo(), folder, "laptop", N, seed=1, **SMALL)
     with pytest.raises(ValueError, match=r"folder: got .* which has a run with game=one's own, not tag; takes that"):
         training.Trainer("tag", folder, "laptop", N, **SMALL)
+    with pytest.raises(ValueError, match=r"a run with env\.horizon=4, not 6; takes that run's, or another folder"):
+        training.Trainer(toys.echo(6), folder, "laptop", N, **SMALL)
+    with pytest.raises(ValueError, match=r"a run with no further layer, not Unpaid\(\); takes that run's"):
+        training.Trainer(toys.Unpaid(echo()), folder, "laptop", N, **SMALL)
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(ValueError, match="which has other files; takes an empty one, a new one, or a run's"):
         trainer(tmp_path)
@@ -507,6 +511,22 @@ def test_a_policy_to_begin_with_is_the_one_that_a_run_began_with(run, tmp_path):
     old = Folder(tmp_path / "old")
     old.describe({"game": None})
     check_begun(old, other)  # runs of before it was noted
+
+
+def test_a_run_keeps_its_game_when_a_default_changes(tmp_path, monkeypatch):
+    folder, made = tmp_path / "run", []
+    small = {"ppo.unroll": 4, "ppo.chunk": 4, "ppo.minibatches": 1, "net.width": 16}
+    fields = {"n_boxes": 0, "n_ramps": 0, "impl": "c"}
+    training.Trainer("tag", folder, "laptop", 8, env=fields, **small)
+    about = Folder(folder).about()
+    usual = about["game"]["defaults"]["horizon"]
+    about["game"]["defaults"]["horizon"] = 33  # as if it had been the default then
+    Folder(folder).describe(about)
+    with pytest.raises(ValueError, match=rf"has a run with env\.horizon=33, not {usual}; takes that run's"):
+        training.Trainer("tag", folder, "laptop", 8, env=fields, **small)
+    monkeypatch.setattr(training.Trainer, "run", lambda trainer, *_: made.append(trainer))
+    training.train(folder, steps=10**6, bar=False)
+    assert made[0].env.base.horizon == 33
 
 
 def test_a_folder_goes_on_with_its_own_settings(tmp_path, monkeypatch):

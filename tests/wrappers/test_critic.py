@@ -112,3 +112,50 @@ def test_time_runs_down():
 def test_bad_input(fields, says):
     with pytest.raises(ValueError, match=says):
         maax.make("hide_and_seek", impl="c", **fields)
+
+
+def small(**fields):
+    return maax.make(
+        "hide_and_seek_quadrant", impl="c", observations="split", n_boxes=2, n_ramps=0, lidar=None, horizon=20, **fields
+    )
+
+
+def test_a_policys_time_left_stays_the_policys():
+    """In both orders; and what somebody else observes under this name is not overwritten."""
+    for env in (
+        maax.CriticObservations(maax.EgocentricObservations(small())),
+        maax.EgocentricObservations(maax.CriticObservations(small())),
+    ):
+        assert not env.observed["time_left"].critic
+    assert maax.CriticObservations(small()).observed["time_left"].critic
+    flat = maax.FlattenObservations(maax.CriticObservations(maax.EgocentricObservations(small())))
+    assert any("time left" in name for name in flat.observed["obs"].names())
+
+
+def test_a_teams_critic_of_padded_entities():
+    """Its masks are padded likewise, whichever wrapper is outside."""
+    env = small()
+    inner = maax.CriticObservations(maax.SpoofEntities(env, 5, ["box_obs", "agent_qpos_qvel"]), "team")
+    outer = maax.SpoofEntities(maax.CriticObservations(env, "team"), 5, ["box_obs", "agent_qpos_qvel"])
+    start = jax.jit(env.reset)(key(1))
+    for padded in (inner, outer):
+        flat = maax.FlattenObservations(
+            maax.SelectObservations(padded, [n for n in padded.observed if "agent_" not in n])
+        )
+        obs = jax.device_get(jax.jit(observing(padded, env))(start)).obs
+        assert obs["team_sees_box"].shape == (4, 5)
+        assert obs["team_sees_agent"].shape == (4, 5)
+        equal(obs["team_sees_box"][:, :2], obs["sees_box"][[[0, 1], [0, 1], [2, 3], [2, 3]], :2].any(axis=1))
+        assert not obs["team_sees_box"][:, 2:].any()
+        assert flat.observation_space["critic"].shape[0] == 4
+
+
+def test_masks_that_a_teams_critic_lacks_are_named():
+    some = ["box_obs", "box_mask", "sees_box", "agent_qpos_qvel_self"]
+    with pytest.raises(ValueError, match=r"observe: got 'team' where 'sees_box' is not observed; takes that mask, or"):
+        maax.CriticObservations(maax.SelectObservations(small(), ["box_obs", "box_mask"]), "team")
+    critics = maax.SelectObservations(maax.CriticObservations(small(), "team"), some)
+    with pytest.raises(
+        ValueError, match=r"FlattenObservations: 'team_sees_box', by which a team's critic sees 'box_obs'"
+    ):
+        maax.FlattenObservations(critics)

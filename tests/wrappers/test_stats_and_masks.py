@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -403,3 +405,55 @@ def test_caught_is_the_share_of_steps_in_which_seekers_are_paid():
     assert not np.asarray(kept["metrics.caught"])[:5].any()
     np.testing.assert_allclose(kept["metrics.caught"][-1], paid[5:].mean(axis=0), atol=1e-6)
     assert 0 < paid[5:].mean() < 1
+
+
+def test_padding_hides_what_was_hidden():
+    """Masks are padded along; where there is none of what is in play, padding gets one."""
+    env = maax.make("hide_and_seek_quadrant", impl="c", observations="split", n_boxes=2, n_ramps=0, horizon=20)
+    padded = maax.SpoofEntities(env, 4, ["box_obs"])
+    assert set(padded.mask_keys) == {"box_mask", "sees_box"}
+    one = padded.observed["box_obs"]
+    assert (one.present, one.seen) == ("box_mask", "sees_box")
+    with pytest.raises(ValueError, match=r"mask_keys: got \['box_mask'\]; takes 'sees_box', of these keys, as well"):
+        maax.SpoofEntities(env, 4, ["box_obs"], ["box_mask"])
+    flat, whole = maax.FlattenObservations(padded), maax.FlattenObservations(env)
+    state = jax.jit(env.reset)(seeds.key(0))
+    wide = flat.observe(padded.observe(state)).obs["obs"]
+    narrow = whole.observe(state).obs["obs"]
+    columns, known = flat.observed["obs"].names(), whole.observed["obs"].names()
+    for name in known:
+        np.testing.assert_array_equal(wide[:, columns.index(name)], narrow[:, known.index(name)])
+    assert not wide[:, [i for i, name in enumerate(columns) if name.startswith(("box_obs[2]", "box_obs[3]"))]].any()
+
+
+def test_padding_without_a_mask_gets_one():
+    chosen = maax.SelectObservations(
+        maax.make("tag", impl="c", observations="split", n_boxes=1, n_ramps=0, horizon=20),
+        ["agent_qpos_qvel_self", "box_obs"],
+    )
+
+    class Unmasked(maax.ObservationWrapper):
+        """As of a module that has no masks."""
+
+        def observation(self, state):
+            return state.obs
+
+        def declared(self):
+            table = self.env.declared()
+            return table | {"box_obs": replace(table["box_obs"], present=None, seen=None)}
+
+    padded = maax.SpoofEntities(Unmasked(chosen), 4, ["box_obs"])
+    assert padded.observed["box_obs"].present == "box_obs_spoof"
+    state = padded.reset(seeds.key(0))
+    np.testing.assert_array_equal(state.obs["box_obs_spoof"], np.tile([True, False, False, False], (4, 1)))
+    ego = maax.EgocentricObservations(padded)
+    assert not ego.observe(state).obs["box_obs"][:, 1:].any()
+
+
+def test_vectors_are_made_once_and_masked_inside():
+    env = maax.make("tag", impl="c", observations="split", n_boxes=1, n_ramps=0)
+    flat = maax.FlattenObservations(env)
+    with pytest.raises(ValueError, match="FlattenObservations: got an environment with one; takes it once"):
+        maax.FlattenObservations(flat)
+    with pytest.raises(ValueError, match="MaskObservations: env has FlattenObservations already; wrap with Mask"):
+        maax.MaskObservations(flat)

@@ -1,0 +1,120 @@
+"""What tells environments apart, as files have it: their game with its fields, and the layers around it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from itertools import takewhile
+from typing import Any
+
+from maax_mjx.common.recorded import differing, plain_config, unchanged
+from maax_mjx.core.env import Environment, Made
+
+DEFAULT = "its default"
+ENGINE = "impl"
+OWN = "one's own"
+
+
+def about_game(made: Made) -> dict[str, Any]:
+    """Returns a game as files have it.
+
+    Returns:
+        A dict with the name of the "game", the fields of its "config" that differ from their defaults, and the
+        "defaults" of the others, as they were when it was made: those that JSON has as they are, without the engine's.
+    """
+    defaults = {name: value for name, value in unchanged(made.config).items() if name != ENGINE and _is_plain(value)}
+    return {
+        "game": made.name,
+        "config": plain_config(differing(made.config)),
+        "defaults": plain_config(defaults),
+    }
+
+
+def about_environment(env: Environment) -> dict[str, Any]:
+    """Returns an environment as files have it.
+
+    Returns:
+        What `about_game` has of the game in it, if `maax.make` made one, and texts of the "layers" around that, or of
+        all of it, the innermost first.
+    """
+    made = env.made_from
+    around = list(takewhile(lambda layer: layer.made is None, (*env.layers, env.base)))
+    return {**(about_game(made) if made else {}), "layers": [_text(layer) for layer in reversed(around)]}
+
+
+def told_apart(was: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Returns the fields by which two games of one name, as files have them, are told apart.
+
+    These are the fields that one of them changed, and those whose defaults were others, but not the engine.
+
+    Args:
+        was, now: as `about_game` returns them; what was written before there were "defaults" lacks these.
+    """
+    whole = [{**about.get("defaults", {}), **about["config"]} for about in (was, now)]
+    defaults = [about.get("defaults", {}) for about in (was, now)]
+    changed = {name for name in defaults[0].keys() & defaults[1].keys() if defaults[0][name] != defaults[1][name]}
+    names = sorted({*was["config"], *now["config"], *changed} - {ENGINE})
+    before, after = ({name: fields.get(name, DEFAULT) for name in names} for fields in whole)
+    return before, after
+
+
+def difference(was: Mapping[str, Any], now: Mapping[str, Any], wrappers: bool = True) -> str:
+    """Says how two environments differ, as far as both files know.
+
+    Args:
+        was, now: as `about_environment` returns them.
+        wrappers: whether wrappers around a game, or a base, count.
+
+    Returns:
+        A text such as "env.horizon=60, not 20"; empty if they are the same.
+    """
+    if was.get("game") != now.get("game"):
+        return f"game={was.get('game', OWN)}, not {now.get('game', OWN)}"
+    if "game" in was and (text := differences(*told_apart(was, now), "env.")):
+        return text
+    before, after = was.get("layers"), now.get("layers")
+    if before is None or after is None:
+        return ""
+    if not wrappers:
+        before, after = ([] if "game" in was else layers[:1] for layers in (before, after))
+    if before == after:
+        return ""
+    return f"{_first_other(before, after)}, not {_first_other(after, before)}"
+
+
+def differences(was: Mapping[str, Any], now: Mapping[str, Any], prefix: str) -> str:
+    """Says which fields differ, such as "net.core=gru, not lstm"; one that is not there has its default."""
+    names = [name for name in dict.fromkeys((*was, *now)) if was.get(name, DEFAULT) != now.get(name, DEFAULT)]
+    return "; ".join(f"{prefix}{name}={was.get(name, DEFAULT)}, not {now.get(name, DEFAULT)}" for name in names)
+
+
+def _first_other(layers: list[str], others: list[str]) -> str:
+    """The first layer that the other environment does not have in its place."""
+    return next((layer for i, layer in enumerate(layers) if others[i : i + 1] != [layer]), "no further layer")
+
+
+def _text(layer: Environment) -> str:
+    """A wrapper, or a base and its modules, with the arguments of its construction but its engine and its layers."""
+    args, kwargs = layer.made_with
+    given = [_whole_text(x) for x in args if not isinstance(x, Environment)]
+    given += [
+        f"{name}={_whole_text(x)}" for name, x in kwargs.items() if name != ENGINE and not isinstance(x, Environment)
+    ]
+    if layer is layer.base:
+        given += [_whole_text(module) for module in layer.base.modules.values()]
+    return f"{type(layer).__name__}({', '.join(given)})"
+
+
+def _whole_text(value: Any) -> str:
+    """A text for an argument: functions and classes by their names, without addresses."""
+    return getattr(value, "__qualname__", None) or re.sub(r" at 0x[0-9a-f]+", "", repr(value))
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether JSON has a value as it is."""
+    try:
+        json.dumps(value)
+    except (TypeError, ValueError):
+        return False
+    return True
