@@ -70,7 +70,8 @@ class Config(Options):
         if len(set(names)) < len(names):
             raise ValueError(f"runs: got {names}; takes folders of different names, by which rows are told apart")
         for text in self.change:
-            if not text.partition("=")[0].isidentifier() or not text.partition("=")[2]:
+            name, _, value = text.partition("=")
+            if not value or not all(part.isidentifier() for part in name.split(".")):
                 raise ValueError(f"change: got {text!r}; takes a field and its value, such as p_door_dropout=1")
 
 

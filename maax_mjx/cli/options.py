@@ -99,7 +99,15 @@ def config_with(name: str, impl: str, overrides: Mapping[str, str]) -> Any:
     Raises:
         ValueError: an unknown field, or two engines.
     """
-    fields = values_of(name, overrides)
+    return config_on(name, impl, values_of(name, overrides))
+
+
+def config_on(name: str, impl: str, fields: Mapping[str, Any]) -> Any:
+    """Makes the config of an environment with the engine of --impl.
+
+    Raises:
+        ValueError: an unknown field, or two engines.
+    """
     # A game's config may leave the engine to the game.
     if impl != "auto" or hasattr(maax.config_of(name), "impl"):
         fields = on_engine(impl, fields)

@@ -191,7 +191,7 @@ def _write(
 ) -> list[str]:
     """Writes the files, the quick ones first."""
     out = args.out
-    save(out / "rollout.npz", args.env, overrides, recording)
+    save(out / "rollout.npz", args.env, overrides, recording, env.made_from)
     with whole(out / "world.xml") as part:
         part.write_text(maax.to_mjcf(env, states, world=0))
     pictures: dict[str, Callable[[Path], Any]] = {

@@ -9,14 +9,16 @@ import jax
 import jax.numpy as jnp
 
 import maax_mjx as maax
-from maax_mjx.cli.options import make_env
-from maax_mjx.core.env import Environment
+from maax_mjx.cli.options import config_on, make_env
+from maax_mjx.core.env import Environment, Made
+from maax_mjx.core.identity import about_game
 from maax_mjx.parallel.recording import Recording, filled, read, strip, write
+from maax_mjx.tasks.config import recorded_fields
 
 TAKES = "takes a rollout.npz of maax-mjx rollout, or a file of keep_faults"
 
 
-def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recording) -> None:
+def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recording, made: Made | None = None) -> None:
     """Writes a recording completely or not at all.
 
     Args:
@@ -24,9 +26,11 @@ def save(path: Path, env: str, overrides: Mapping[str, str], recording: Recordin
         env: the environment's name.
         overrides: values of its config's fields, as texts.
         recording: the recording.
+        made: what the environment was made from, whose defaults are kept as well.
     """
     fields = {name: value for name, value in overrides.items() if name != "impl"}  # pictures are the same on any
-    write(path, {"maax_mjx": maax.__version__, "env": env, "overrides": fields}, recording)
+    about = {"about": about_game(made)} if made else {}
+    write(path, {"maax_mjx": maax.__version__, "env": env, "overrides": fields} | about, recording)
 
 
 def load(path: Path) -> tuple[Environment, Recording]:
@@ -54,4 +58,8 @@ def env_of(path: Path, impl: str) -> Environment:
             f"file: got {path}, of an environment that maax.make did not make; takes one of a registered game: in "
             "Python, maax.load_fault(path, env) takes any environment"
         )
-    return make_env(meta["env"], impl, meta["overrides"])
+    if "about" not in meta:  # as in files of before there were defaults
+        return make_env(meta["env"], impl, meta["overrides"])
+    fields = recorded_fields(maax.config_of(meta["env"]), meta["about"])
+    fields.pop("impl", None)
+    return maax.make(meta["env"], config_on(meta["env"], impl, fields))

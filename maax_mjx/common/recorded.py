@@ -69,7 +69,7 @@ def _differences(config: Any, default: Any, where: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for f in fields(config):
         value, usual = getattr(config, f.name), getattr(default, f.name)
-        if value is usual or value == usual:
+        if _same(value, usual):
             continue
         if is_dataclass(value) and type(value) is type(usual):
             found |= _differences(value, usual, f"{where}{f.name}.")
@@ -89,8 +89,24 @@ def _unchanged(config: Any, default: Any, where: str) -> dict[str, Any]:
         value, usual = getattr(config, f.name), getattr(default, f.name)
         if is_dataclass(value) and type(value) is type(usual):
             found |= _unchanged(value, usual, f"{where}{f.name}.")
-        elif value is usual or value == usual:
+        elif _same(value, usual):
             found[f"{where}{f.name}"] = value
+    return found
+
+
+def _same(value: Any, usual: Any) -> bool:
+    """Whether two values of a field are equal, arrays among them."""
+    if isinstance(value, np.ndarray) or isinstance(usual, np.ndarray):
+        return type(value) is type(usual) and np.array_equal(value, usual)
+    return value is usual or bool(value == usual)
+
+
+def flat(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the fields of a plain config by dotted name, with those of dicts in it, if these have any."""
+    found: dict[str, Any] = {}
+    for name, value in config.items():
+        inner = flat(value) if isinstance(value, Mapping) else {}
+        found |= {f"{name}.{part}": x for part, x in inner.items()} or {name: value}
     return found
 
 

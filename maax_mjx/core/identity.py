@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from itertools import takewhile
 from typing import Any
 
-from maax_mjx.common.recorded import differing, plain_config, unchanged
+from maax_mjx.common.recorded import differing, flat, unchanged
 from maax_mjx.core.env import Environment, Made
+from maax_mjx.core.texts import ENGINE, constructed, plain, whole_text
 
 DEFAULT = "its default"
-ENGINE = "impl"
 OWN = "one's own"
 
 
@@ -26,8 +25,8 @@ def about_game(made: Made) -> dict[str, Any]:
     defaults = {name: value for name, value in unchanged(made.config).items() if name != ENGINE and _is_plain(value)}
     return {
         "game": made.name,
-        "config": plain_config(differing(made.config)),
-        "defaults": plain_config(defaults),
+        "config": plain(differing(made.config)),
+        "defaults": plain(defaults),
     }
 
 
@@ -51,12 +50,17 @@ def told_apart(was: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[dict[str
     Args:
         was, now: as `about_game` returns them; what was written before there were "defaults" lacks these.
     """
-    whole = [{**about.get("defaults", {}), **about["config"]} for about in (was, now)]
-    defaults = [about.get("defaults", {}) for about in (was, now)]
-    changed = {name for name in defaults[0].keys() & defaults[1].keys() if defaults[0][name] != defaults[1][name]}
-    names = sorted({*was["config"], *now["config"], *changed} - {ENGINE})
-    before, after = ({name: fields.get(name, DEFAULT) for name in names} for fields in whole)
-    return before, after
+    before, after = (flat({**about.get("defaults", {}), **about["config"]}) for about in (was, now))
+    names = {*flat(was["config"]), *flat(now["config"])}
+    names |= {name for name in before.keys() & after.keys() if before[name] != after[name]}
+    names |= _groups_of_one(before, after) | _groups_of_one(after, before)
+    told = sorted(names - {ENGINE})
+    return {x: before.get(x, DEFAULT) for x in told}, {x: after.get(x, DEFAULT) for x in told}
+
+
+def _groups_of_one(fields: Mapping[str, Any], others: Mapping[str, Any]) -> set[str]:
+    """The fields that are one value here, such as None, and a config with fields of its own there."""
+    return {name for name in fields if any(other.startswith(f"{name}.") for other in others)}
 
 
 def difference(was: Mapping[str, Any], now: Mapping[str, Any], wrappers: bool = True) -> str:
@@ -95,20 +99,9 @@ def _first_other(layers: list[str], others: list[str]) -> str:
 
 
 def _text(layer: Environment) -> str:
-    """A wrapper, or a base and its modules, with the arguments of its construction but its engine and its layers."""
-    args, kwargs = layer.made_with
-    given = [_whole_text(x) for x in args if not isinstance(x, Environment)]
-    given += [
-        f"{name}={_whole_text(x)}" for name, x in kwargs.items() if name != ENGINE and not isinstance(x, Environment)
-    ]
-    if layer is layer.base:
-        given += [_whole_text(module) for module in layer.base.modules.values()]
-    return f"{type(layer).__name__}({', '.join(given)})"
-
-
-def _whole_text(value: Any) -> str:
-    """A text for an argument: functions and classes by their names, without addresses."""
-    return getattr(value, "__qualname__", None) or re.sub(r" at 0x[0-9a-f]+", "", repr(value))
+    """A wrapper, or a base and its modules, with the arguments of its construction."""
+    modules = [whole_text(module) for module in layer.base.modules.values()] if layer is layer.base else []
+    return " ".join([constructed(layer), *modules])
 
 
 def _is_plain(value: Any) -> bool:

@@ -20,6 +20,7 @@ from maax_mjx.common.whole import whole
 from maax_mjx.core.diagnosis import Diagnosis, diagnose
 from maax_mjx.core.env import Environment
 from maax_mjx.core.export import to_mjcf
+from maax_mjx.core.identity import about_environment, difference
 from maax_mjx.core.state import State, plain
 from maax_mjx.parallel.episodes import WorldsState, without_engine
 from maax_mjx.parallel.recording import KEPT, Recording, filled, read, strip, write
@@ -133,6 +134,7 @@ class FaultKeeper:
             "maax_mjx": VERSION,
             "env": made.name if made else "",
             "overrides": texts_of(plain_config(differing(made.config))) if made else {},
+            "about": about_environment(env),
             "fault": {
                 "world": int(recent.index),
                 "episode": episode,
@@ -220,6 +222,8 @@ def load_fault(path: str | Path, env: Environment) -> Fault:
         raise ValueError(f"file: got {path}, which has a rollout without faults; {takes}")
     if (made := env.made_from) is not None and meta["env"] and meta["env"] != made.name:
         raise ValueError(f"env: got {made}, and {path} is of {meta['env']}; takes the environment of the file")
+    if "about" in meta and (other := difference(meta["about"], about_environment(env), wrappers=False)):
+        raise ValueError(f"env: got another one than {path} is of, {other}; takes the environment of the file")
     shape = env.state_shape
     returns = jax.ShapeDtypeStruct(shape.reward.shape, shape.reward.dtype)
     recording = filled(path, meta, arrays, Recording(strip(shape), returns), leading=2)

@@ -115,8 +115,21 @@ def recorded_fields(config: Any, game: Mapping[str, Any]) -> dict[str, Any]:
         game: as `core.identity.about_game` returns it.
     """
     today = plain_config(unchanged(config))
-    then = {name: value for name, value in game.get("defaults", {}).items() if today.get(name, value) != value}
-    return from_plain(type(config), {**then, **game["config"]})
+    defaults = game.get("defaults", {})
+    then = {name: value for name, value in defaults.items() if today.get(name, value) != value}
+    then |= {name: value for name, value in defaults.items() if value is None and _is_config(config, name)}
+    whole = {**then, **game["config"]}
+    # Fields of a config that is None today: all that is known of it makes it again.
+    for group in dict.fromkeys(name.partition(".")[0] for name in (*defaults, *game["config"]) if "." in name):
+        if getattr(config, group, config) is None and inner_config(type(config), group):
+            known = {**defaults, **game["config"]}
+            inner = {name.partition(".")[2]: x for name, x in known.items() if name.startswith(f"{group}.")}
+            whole = {name: x for name, x in whole.items() if not name.startswith(f"{group}.")} | {group: inner}
+    return from_plain(type(config), whole)
+
+
+def _is_config(config: Any, name: str) -> bool:
+    return is_dataclass(getattr(config, name, None))
 
 
 def inner_config(config: type, name: str) -> type | None:

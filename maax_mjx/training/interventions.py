@@ -154,8 +154,10 @@ def intervened(policy: TrainedPolicy, name: str, **overrides: Any) -> Environmen
     if game is None or "tools" not in field_names(config_of(game["game"])):
         got = "an environment of one's own" if game is None else game["game"]
         raise ValueError(f"name: got {name!r} for a policy of {got}; takes a policy of a game with the field 'tools'")
-    fields: dict[str, Any] = {"tools": True, **overrides}
+    if not overrides.get("tools", True):
+        raise ValueError("tools: got False; takes True, since interventions are beside what tools are tracked by")
+    fields: dict[str, Any] = {**overrides, "tools": True}
     if name == "no_ramps":
         made = check_trained(policy).make_env(**overrides).made_from
         fields["n_ramps"] = (0, int(np.max(made.config.n_ramps if made else 1)))
-    return policy.make_env(**fields, **{side: {"TrackTools": wrap}})
+    return policy.make_env(**{**fields, side: {**(fields.get(side) or {}), "TrackTools": wrap}})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -97,10 +97,13 @@ class Policy(TrainedPolicy):
     def on(self, env: Environment) -> Policy:
         """Returns the policy as it plays another environment, with the same columns and actions.
 
+        It reads numbers in the scales that it learnt.
+
         Raises:
             ValueError: an environment with other columns, actions or teams; the message names the first that differs.
         """
         other = Network.of(env, self.network.net)
+        other = replace(other, spec=other.spec.in_scales_of(self.network.spec))
         if other == self.network:
             return self
         try:

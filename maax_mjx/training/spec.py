@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -103,6 +103,24 @@ class Spec:
         """Returns the names of all columns that a policy reads, by array."""
         parts = [*self.own, *self.rays, *(part for kind in self.kinds for part in kind.parts)]
         return {part.name: part.columns for part in parts}
+
+    def in_scales_of(self, learnt: Spec) -> Spec:
+        """Returns the same arrays in the scales of another game's, of those that both have."""
+        known = {part.name: part for part in learnt._parts()}
+
+        def scaled(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+            return tuple(
+                replace(part, scales=known[part.name].scales)
+                if part.name in known and known[part.name].columns == part.columns
+                else part
+                for part in parts
+            )
+
+        kinds = tuple(replace(kind, parts=scaled(kind.parts)) for kind in self.kinds)
+        return replace(self, own=scaled(self.own), rays=scaled(self.rays), critic=scaled(self.critic), kinds=kinds)
+
+    def _parts(self) -> list[Part]:
+        return [*self.own, *self.rays, *self.critic, *(part for kind in self.kinds for part in kind.parts)]
 
     def shapes(self, n_agents: int) -> Features:
         """Returns the shapes and dtypes of one world's features."""

@@ -30,8 +30,8 @@ class SelectObservations(ObservationWrapper):
 
     def __init__(self, env: Environment, keys: Sequence[str]):
         super().__init__(env)
+        check_names(env.observation_space.spaces, keys)
         self.keys = tuple(keys)
-        check_names(env.observation_space.spaces, self.keys)
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         return {key: state.obs[key] for key in self.keys}
@@ -107,11 +107,12 @@ class SpoofEntities(ObservationWrapper):
     def __init__(self, env: Environment, total: int, keys: Sequence[str], mask_keys: Sequence[str] | None = None):
         super().__init__(env)
         self.total = check_count("total", total, minimum=1)
-        self.keys, spaces = tuple(keys), env.observation_space.spaces
-        check_names(spaces, self.keys)
+        spaces = env.observation_space.spaces
+        check_names(spaces, keys)
+        self.keys = tuple(keys)
         masks = _masks_of(env, self.keys)
+        check_names(spaces, mask_keys or ())
         self.mask_keys = masks if mask_keys is None else tuple(mask_keys)
-        check_names(spaces, self.mask_keys)
         for mask in masks:
             if mask not in self.mask_keys:
                 raise ValueError(f"mask_keys: got {list(self.mask_keys)}; takes {mask!r}, of these keys, as well")
@@ -229,8 +230,10 @@ def check_names(observed: Mapping[str, object], names: Sequence[str]) -> None:
     """Refuses names that are not observed.
 
     Raises:
-        ValueError: unknown names; the message lists them.
+        ValueError: unknown names, which the message lists, or a text instead of a list of names.
     """
+    if isinstance(names, str):
+        raise ValueError(f"observations: got {names!r}; takes a list of names")
     unknown = [name for name in names if name not in observed]
     if unknown:
         raise ValueError(f"observations: got {unknown}; takes some of {sorted(observed)}")

@@ -27,6 +27,8 @@ from maax_mjx.cli.options import apart, split_overrides
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
 from maax_mjx.common.options import number_of, value_of
+from maax_mjx.core.identity import about_game
+from maax_mjx.parallel.recording import read, write
 from maax_mjx.training.run import NotFiniteError
 
 
@@ -75,6 +77,19 @@ def test_a_rollout_is_loaded_whatever_engine_it_was_played_on(played, tmp_path):
     fields = {"n_boxes": "1,2", "n_ramps": "0", "grab": "True", "scenario": "empty", "impl": "warp"}
     saved.save(tmp_path / "other.npz", "hide_and_seek", fields, recording)
     assert load(tmp_path / "other.npz")[0].base.engine.impl == env.base.engine.impl == "c"
+
+
+def test_a_rollout_keeps_its_game_when_a_default_changes(played, tmp_path):
+    _, recording = load(played[0] / "rollout.npz")
+    made = maax.make("hide_and_seek", impl="c", n_boxes=(1, 2), n_ramps=0, scenario="empty").made
+    about = about_game(made)
+    about["defaults"]["horizon"] = 33
+    fields = {"maax_mjx": maax.__version__, "env": "hide_and_seek", "overrides": {}, "about": about}
+    write(tmp_path / "then.npz", fields, recording)
+    assert saved.env_of(tmp_path / "then.npz", "c").base.horizon == 33
+    # The command's own file has them.
+    meta, _ = read(played[0] / "rollout.npz", saved.TAKES)
+    assert meta["about"]["defaults"]["horizon"] == maax.config_of("hide_and_seek").horizon
 
 
 def test_a_run_that_is_never_finite_ends_in_one_sentence(monkeypatch, capsys):

@@ -1,15 +1,21 @@
 """What files have of an environment, and how two of them are told apart."""
 
+import copy
 import json
+from dataclasses import dataclass, field
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.common.recorded import unchanged
+from maax_mjx.core.env import Made
 from maax_mjx.core.identity import about_environment, about_game, difference
+from maax_mjx.core.texts import constructed, whole_text
 from maax_mjx.tasks.config import recorded_fields
 
 
@@ -87,12 +93,100 @@ def test_games_differ_by_their_defaults_and_not_by_their_engines():
 def test_wrappers_of_ones_own_are_told_apart():
     env = tag()
     was = about_environment(Scaled(env, 2, function=jnp.sin))
-    assert was["layers"] == ["Scaled(2, function=sin)"]
+    assert was["layers"] == ["Scaled(by=2, function=sin)"]
     assert not difference(was, about_environment(Scaled(tag(), 2, function=jnp.sin)))
     other = about_environment(Scaled(env, 3, function=jnp.sin))
-    assert difference(was, other) == "Scaled(2, function=sin), not Scaled(3, function=sin)"
+    assert difference(was, other) == "Scaled(by=2, function=sin), not Scaled(by=3, function=sin)"
     assert not difference(was, other, wrappers=False)
-    assert difference(was, about_environment(env)) == "Scaled(2, function=sin), not no further layer"
+    assert difference(was, about_environment(env)) == "Scaled(by=2, function=sin), not no further layer"
+
+
+@dataclass(frozen=True)
+class Wind:
+    """A group of fields."""
+
+    speed: float = 1.0
+    gusts: bool = False
+
+
+@dataclass(frozen=True)
+class CalmConfig(maax.GameConfig):
+    """A game whose group is None."""
+
+    wind: Wind | None = None
+    way: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class WindyConfig(maax.GameConfig):
+    """The same game after its default changed."""
+
+    wind: Wind | None = field(default_factory=lambda: Wind(3.0))
+    way: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+def written(config):
+    return json.loads(json.dumps(about_game(Made(None, "game", config))))
+
+
+def test_groups_of_fields_that_are_none_then_or_today():
+    """In both directions, with and without a field of the group that was given."""
+    calm, windy = written(CalmConfig()), written(WindyConfig())
+    assert recorded_fields(WindyConfig(), calm) == {"wind": None}
+    assert recorded_fields(CalmConfig(), windy) == {"wind": Wind(3.0)}
+    assert recorded_fields(CalmConfig(), written(WindyConfig(wind=Wind(5.0)))) == {"wind": Wind(5.0)}
+    assert recorded_fields(WindyConfig(), written(WindyConfig(wind=Wind(5.0)))) == {"wind.speed": 5.0}
+    for a, b in ((calm, windy), (windy, calm)):
+        assert "env.wind" in difference(a, b)
+    # Made again, they are what they were.
+    assert not difference(calm, written(WindyConfig(wind=None)))
+    assert not difference(windy, written(CalmConfig(wind=Wind(3.0))))
+
+
+def test_fields_that_are_arrays_are_compared():
+    assert not written(CalmConfig(way=np.zeros(3)))["config"]
+    assert written(CalmConfig(way=np.ones(3)))["config"] == {"way": [1.0, 1.0, 1.0]}
+
+
+def test_modules_are_told_apart_to_the_end():
+    def game(friction):
+        cylinders = maax.Cylinders(2, (0.3, 0.4), (0.3, 0.4), maax.uniform_placement, friction=friction)
+        return about_environment(tag(modules=[cylinders]))
+
+    assert not difference(game((0.5, 0.9)), game((0.5, 0.9)))
+    assert "friction=(0.1, 0.2)" in difference(game((0.5, 0.9)), game((0.1, 0.2)))
+
+
+class Thing:
+    """Without a text of its own."""
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        (np.zeros(2000), np.concatenate([np.zeros(1000), np.ones(1), np.zeros(999)])),
+        (np.array([1.0]), np.array([1.0 + 1e-9])),
+        (jnp.zeros(3), jnp.ones(3)),
+        (partial(jnp.sin, 1), partial(jnp.sin, 2)),
+        ({"a": [1, (2, 3)]}, {"a": [1, (2, 4)]}),
+        (frozenset("ab"), frozenset("ac")),
+        (Wind(1.0), Wind(2.0)),
+        (jnp.sin, jnp.cos),
+    ],
+)
+def test_arguments_are_told_apart(a, b):
+    assert whole_text(a) != whole_text(b)
+    assert whole_text(a) == whole_text(a if isinstance(a, partial) or callable(a) else copy.deepcopy(a))
+    assert "0x" not in whole_text(Thing())
+
+
+def test_the_same_arguments_in_other_words_are_the_same():
+    env = tag()
+    assert constructed(Scaled(env, 2)) == constructed(Scaled(env, by=2)) == constructed(Scaled(by=2, env=env))
+    assert constructed(Scaled(env, np.float64(2.0))) == constructed(Scaled(env, 2.0))
+    # Another environment than the one that is wrapped counts.
+    assert constructed(Scaled(env, 2, tag(horizon=7))) != constructed(Scaled(env, 2, tag(horizon=8)))
+    assert constructed(Scaled(env, None)) == "Scaled(by=None)"
 
 
 def test_bases_of_ones_own_are_told_apart():

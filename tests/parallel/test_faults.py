@@ -141,8 +141,10 @@ def test_other_worlds_files_and_states_are_refused(kept, tmp_path):
     for action, said in ((None, "takes"), (jnp.zeros((4, 3)), "takes"), ({}, "takes")):
         with pytest.raises(ValueError, match=said):
             maax.diagnose(worlds.env, state, action)
-    with pytest.raises(ValueError, match="as this version has them in this game"):
-        maax.load_fault(worlds.faults()[0], maax.make("tag", **GAME | {"n_boxes": 2}))
+    for other in ({"n_boxes": 2}, {"world_params.gravity": -1.0}):
+        (name,) = other
+        with pytest.raises(ValueError, match=rf"env: got another one than .*0.npz is of, env.{name}=.*; takes the env"):
+            maax.load_fault(worlds.faults()[0], maax.make("tag", **GAME | other))
 
 
 def test_there_is_an_end_to_them(kept, tmp_path, monkeypatch):

@@ -125,6 +125,21 @@ def test_ramps_go_back_when_preparation_ends(policy):
         training.intervened(policy, "ramps_put_back", **{"lock.objects": ("box", "ramp")})
 
 
+class Mine(maax.Wrapper):
+    """A wrapper of one's own."""
+
+
+def test_a_game_with_wrappers_of_ones_own_is_taken_from_as_well(policy):
+    side = training.interventions.INTERVENTIONS["seekers_blind"][0]
+    mine = {side: {"Lidar": Mine}}
+    env = training.intervened(policy, "seekers_blind", **mine)
+    kinds = [type(layer) for layer in env.layers]
+    assert KINDS["seekers_blind"] in kinds
+    assert Mine in kinds
+    with pytest.raises(ValueError, match="tools: got False; takes True, since interventions are beside what tools"):
+        training.intervened(policy, "seekers_blind", tools=False)
+
+
 def test_an_unknown_intervention_is_refused(policy):
     with pytest.raises(ValueError, match=r"name: got 'no_ramp'.*no_ramps"):
         training.intervened(policy, "no_ramp")

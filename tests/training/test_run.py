@@ -22,6 +22,7 @@ from maax_mjx import training
 from maax_mjx.training.begin import check_begun, environment_of, game_fields
 from maax_mjx.training.board import Board
 from maax_mjx.training.folder import Folder
+from maax_mjx.training.network import Network
 from maax_mjx.training.run import NotFiniteError, without_the_empty
 
 ROOT = Path(__file__).parents[2]
@@ -414,6 +415,19 @@ def test_policies_play_wherever_policies_are_taken(run, tmp_path):
         np.testing.assert_array_equal(kept["action"][name], by_hand["action"][name])
     _, recording = maax.record(worlds, start, policy.greedy(), 3, show=[0], every=1)
     assert len(recording.states.step) == 4
+
+
+def test_a_policy_reads_numbers_in_the_scales_that_it_learnt():
+    """In an environment with another range of lidar, whose own networks divide by more."""
+
+    def game(reach):
+        return maax.make("hide_and_seek_quadrant", impl="c", observations="split", **{"lidar.range": reach})
+
+    network = Network.of(game(6.0), training.NetConfig())
+    policy = training.Policy(network, network.draw(jax.random.key(0)))
+    far = game(60.0)
+    assert Network.of(far, training.NetConfig()).spec.rays != network.spec.rays
+    assert policy.on(far).network.spec == network.spec
 
 
 def test_a_policy_of_another_game_is_refused_in_a_sentence(run, tmp_path):

@@ -450,6 +450,13 @@ def test_padding_without_a_mask_gets_one():
     assert not ego.observe(state).obs["box_obs"][:, 1:].any()
 
 
+def test_a_name_is_no_list_of_names():
+    env = maax.make("tag", impl="c", observations="split", n_boxes=1, n_ramps=0)
+    for wrap in (lambda: maax.SpoofEntities(env, 5, "box_obs"), lambda: maax.SelectObservations(env, "box_obs")):
+        with pytest.raises(ValueError, match="observations: got 'box_obs'; takes a list of names"):
+            wrap()
+
+
 def test_vectors_are_made_once_and_masked_inside():
     env = maax.make("tag", impl="c", observations="split", n_boxes=1, n_ramps=0)
     flat = maax.FlattenObservations(env)
