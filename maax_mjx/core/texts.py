@@ -31,6 +31,10 @@ def whole_text(value: Any) -> str:
         return f"{value.made.name}({_pairs(plain(asdict_of(value.made.config)))})"
     if isinstance(value, Recorded):
         return constructed(value)
+    if isinstance(value, jax.Array) and jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key):
+        return f"key({whole_text(jax.random.key_data(value))})"
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return whole_text(value.tolist())
     if isinstance(value, np.ndarray | jax.Array) and value.ndim:
         array = np.ascontiguousarray(value)
         return f"{array.dtype}{list(array.shape)} #{crc32(array.tobytes()):08x}"

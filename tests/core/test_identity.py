@@ -167,6 +167,8 @@ class Thing:
         (np.zeros(2000), np.concatenate([np.zeros(1000), np.ones(1), np.zeros(999)])),
         (np.array([1.0]), np.array([1.0 + 1e-9])),
         (jnp.zeros(3), jnp.ones(3)),
+        (jax.random.key(0), jax.random.key(1)),
+        (np.array([{1}, None], object), np.array([{2}, None], object)),
         (partial(jnp.sin, 1), partial(jnp.sin, 2)),
         ({"a": [1, (2, 3)]}, {"a": [1, (2, 4)]}),
         (frozenset("ab"), frozenset("ac")),
