@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, is_dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+
+ENGINE = "impl"
+"""The field of a config that says on which engine its game is stepped."""
 
 
 class Arguments(NamedTuple):
@@ -54,44 +56,35 @@ class Recorded:
         return new
 
 
+def text_of(value: Any) -> str:
+    """Returns a text for a value: functions and classes by their names, others by their `repr` without addresses."""
+    return getattr(value, "__qualname__", None) or re.sub(r" at 0x[0-9a-f]+", "", repr(value))
+
+
 def short(value: Any) -> str:
-    """Returns a text for an argument: functions and classes by their names, without addresses, long texts cut."""
-    text = getattr(value, "__qualname__", None) or re.sub(r" at 0x[0-9a-f]+", "", repr(value))
+    """Returns `text_of` a value, cut if it is long."""
+    text = text_of(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def differing(config: Any) -> dict[str, Any]:
     """Returns the fields of a dataclass that differ from their defaults, by name, inner ones by dotted name."""
-    return _differences(config, type(config)(), "")
-
-
-def _differences(config: Any, default: Any, where: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for f in fields(config):
-        value, usual = getattr(config, f.name), getattr(default, f.name)
-        if _same(value, usual):
-            continue
-        if is_dataclass(value) and type(value) is type(usual):
-            found |= _differences(value, usual, f"{where}{f.name}.")
-        else:
-            found[f"{where}{f.name}"] = value
-    return found
+    return {name: value for name, value, usual in _with_defaults(config, type(config)()) if not _same(value, usual)}
 
 
 def unchanged(config: Any) -> dict[str, Any]:
     """Returns the fields of a dataclass that have their defaults, by name, inner ones by dotted name."""
-    return _unchanged(config, type(config)(), "")
+    return {name: value for name, value, usual in _with_defaults(config, type(config)()) if _same(value, usual)}
 
 
-def _unchanged(config: Any, default: Any, where: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _with_defaults(config: Any, default: Any, where: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Names, values and defaults of the fields of a dataclass, and of those inside of its fields."""
     for f in fields(config):
         value, usual = getattr(config, f.name), getattr(default, f.name)
         if is_dataclass(value) and type(value) is type(usual):
-            found |= _unchanged(value, usual, f"{where}{f.name}.")
-        elif _same(value, usual):
-            found[f"{where}{f.name}"] = value
-    return found
+            yield from _with_defaults(value, usual, f"{where}{f.name}.")
+        else:
+            yield f"{where}{f.name}", value, usual
 
 
 def _same(value: Any, usual: Any) -> bool:
@@ -110,22 +103,6 @@ def flat(config: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def plain_config(config: dict[str, Any]) -> dict[str, Any]:
-    """Returns fields of a config as JSON has them, with functions and objects as texts."""
-    return json.loads(json.dumps(config, default=_plain))
-
-
-def _plain(value: Any) -> Any:
-    """Returns what JSON takes for a value: a dict of a config, numbers of NumPy, else a text."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else short(value)
-
-
 def texts_of(config: Mapping[str, Any]) -> dict[str, str]:
-    """Returns the fields of a plain config as texts, as the command line takes them, inner ones by dotted name."""
-    fields: dict[str, str] = {}
-    for name, value in config.items():
-        inner = value if isinstance(value, dict) else {}
-        fields |= {f"{name}.{part}": repr(x) for part, x in inner.items()} or {name: repr(value)}
-    return {name: text for name, text in fields.items() if name != "impl"}
+    """Returns the fields of a plain config as texts, as the command line takes them, without the engine."""
+    return {name: repr(value) for name, value in flat(config).items() if name != ENGINE}

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from itertools import takewhile
 from typing import Any
 
-from maax_mjx.common.recorded import differing, flat, unchanged
+from maax_mjx.common.recorded import ENGINE, differing, flat, unchanged
 from maax_mjx.core.env import Environment, Made
-from maax_mjx.core.texts import ENGINE, constructed, plain, whole_text
+from maax_mjx.core.texts import constructed, plain, whole_text
 
 DEFAULT = "its default"
 OWN = "one's own"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, fields, is_dataclass
@@ -15,10 +14,8 @@ from zlib import crc32
 import jax
 import numpy as np
 
-from maax_mjx.common.recorded import Arguments, Recorded
+from maax_mjx.common.recorded import ENGINE, Arguments, Recorded, text_of
 from maax_mjx.core.env import Environment
-
-ENGINE = "impl"
 
 
 def whole_text(value: Any) -> str:
@@ -28,7 +25,7 @@ def whole_text(value: Any) -> str:
     their `repr` without addresses.
     """
     if isinstance(value, Environment) and value.made:
-        return f"{value.made.name}({_pairs(plain(asdict_of(value.made.config)))})"
+        return f"{value.made.name}({', '.join(_given(_fields(value.made.config)))})"
     if isinstance(value, Recorded):
         return constructed(value)
     if isinstance(value, jax.Array) and jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key):
@@ -49,9 +46,8 @@ def whole_text(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"({', '.join(map(whole_text, value))})"
     if is_dataclass(value) and not isinstance(value, type):
-        given = Arguments((), {f.name: getattr(value, f.name) for f in fields(value)})
-        return f"{type(value).__name__}({', '.join(_given(given))})"
-    return getattr(value, "__qualname__", None) or re.sub(r" at 0x[0-9a-f]+", "", repr(value))
+        return f"{type(value).__name__}({', '.join(_given(_fields(value)))})"
+    return text_of(value)
 
 
 def constructed(made: Recorded) -> str:
@@ -78,9 +74,8 @@ def _given(given: Arguments, wrapped: Any = Ellipsis) -> list[str]:
     return [whole_text(x) for x in given.args if x is not wrapped] + [f"{n}={whole_text(x)}" for n, x in named.items()]
 
 
-def asdict_of(config: Any) -> dict[str, Any]:
-    """Returns the fields of a config by name, without the engine."""
-    return {f.name: getattr(config, f.name) for f in fields(config) if f.name != ENGINE}
+def _fields(config: Any) -> Arguments:
+    return Arguments((), {f.name: getattr(config, f.name) for f in fields(config)})
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,7 +88,3 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else whole_text(value)
-
-
-def _pairs(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}" for name, value in values.items())

@@ -14,7 +14,7 @@ from flax import struct
 from jax.experimental import io_callback
 
 from maax_mjx.common.keys import as_key, keyless
-from maax_mjx.common.recorded import differing, plain_config, texts_of
+from maax_mjx.common.recorded import texts_of
 from maax_mjx.common.version import VERSION
 from maax_mjx.common.whole import whole
 from maax_mjx.core.diagnosis import Diagnosis, diagnose
@@ -129,12 +129,12 @@ class FaultKeeper:
         # Of the running episode alone: steps that count up to the last one.
         n = next((k for k in range(1, MOMENTS) if step[-1 - k] != step[-1] - k), MOMENTS)
         recording = Recording(*jax.tree.map(lambda x: x[-n:, None], (recent.states, recent.episode_return)))
-        made = env.made_from
+        about = about_environment(env)
         meta = {
             "maax_mjx": VERSION,
-            "env": made.name if made else "",
-            "overrides": texts_of(plain_config(differing(made.config))) if made else {},
-            "about": about_environment(env),
+            "env": about.get("game", ""),
+            "overrides": texts_of(about.get("config", {})),
+            "about": about,
             "fault": {
                 "world": int(recent.index),
                 "episode": episode,

@@ -8,8 +8,9 @@ from typing import Any, TypeVar, get_args
 
 from maax_mjx.common.annotated import check_fields, check_value, field_kinds
 from maax_mjx.common.checks import check_choice
-from maax_mjx.common.recorded import plain_config, unchanged
+from maax_mjx.common.recorded import unchanged
 from maax_mjx.core.env import Environment
+from maax_mjx.core.texts import plain
 from maax_mjx.modules import Module
 from maax_mjx.wrappers.extend import Layers, extended
 
@@ -106,7 +107,12 @@ def from_plain(config: type, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def recorded_fields(config: Any, game: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the fields of a game that a file has, as its config takes them.
+    """Returns the fields of a game that a file has, as its config takes them; see `recorded_plain`."""
+    return from_plain(type(config), recorded_plain(config, game))
+
+
+def recorded_plain(config: Any, game: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the fields of a game that a file has, as JSON has them.
 
     A field that had its default has the value of then, where its default is another one today.
 
@@ -114,7 +120,7 @@ def recorded_fields(config: Any, game: Mapping[str, Any]) -> dict[str, Any]:
         config: the game's config with the defaults of today.
         game: as `core.identity.about_game` returns it.
     """
-    today = plain_config(unchanged(config))
+    today = plain(unchanged(config))
     defaults = game.get("defaults", {})
     then = {name: value for name, value in defaults.items() if today.get(name, value) != value}
     then |= {name: value for name, value in defaults.items() if value is None and _is_config(config, name)}
@@ -125,7 +131,7 @@ def recorded_fields(config: Any, game: Mapping[str, Any]) -> dict[str, Any]:
             known = {**defaults, **game["config"]}
             inner = {name.partition(".")[2]: x for name, x in known.items() if name.startswith(f"{group}.")}
             whole = {name: x for name, x in whole.items() if not name.startswith(f"{group}.")} | {group: inner}
-    return from_plain(type(config), whole)
+    return whole
 
 
 def _is_config(config: Any, name: str) -> bool:

@@ -124,7 +124,7 @@ class SpoofEntities(ObservationWrapper):
             if one is not None and len(one.axes) < 2:
                 raise ValueError(f"{key}: has axes {one.axes}; takes an observation with rows of several things")
         bare = [key for key in self.keys if key in env.observed and env.observed[key].present is None]
-        self._marked = dict.fromkeys((*self.mask_keys, *bare))
+        self._marked = {*self.mask_keys, *bare}
 
     def observation(self, state: State) -> dict[str, jax.Array]:
         obs = dict(state.obs)

@@ -69,7 +69,8 @@ def test_a_game_is_learnt_gone_on_with_evaluated_and_watched(tmp_path, capsys, m
         (["train", "runs/tag", "--transfer", "--steps", "640"], "--transfer: got it with the folder of a run"),
         (
             ["train", "tag", "--preset", "laptop", "--out", "runs/tag", "--steps", "640"],
-            "env.horizon=8, not 1000; env.n_boxes=0, not [1, 3]; env.n_ramps=0, not 1; takes that run's, or another folder (--out)",
+            "env.horizon=8, not 1000; env.n_boxes=0, not [1, 3]; env.n_ramps=0, not 1; takes that run's, "
+            "or another folder (--out)",
         ),
         (["train", "tag", "--ppo.lr", "-1"], "ppo.lr: got -1"),
         (["train", "tag", "--from", "runs/none"], "from: got 'runs/none', which is not there"),
