@@ -11,12 +11,12 @@ import maax_mjx as maax
 from maax_mjx.common.annotated import Bounds
 from maax_mjx.common.checks import LONG
 from maax_mjx.common.options import number_of, value_of
-from maax_mjx.common.recorded import texts_of
+from maax_mjx.common.recorded import flat, texts_of
 from maax_mjx.common.whole import FOLDERS
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks import is_in_a_file
 from maax_mjx.tasks.brought import is_same_game
-from maax_mjx.tasks.config import inner_config
+from maax_mjx.tasks.config import inner_config, recorded_plain, with_tuples
 from maax_mjx.training.run import NotFiniteError
 from maax_mjx.training.trained import TrainedPolicy
 
@@ -143,7 +143,7 @@ def values_of(name: str, overrides: Mapping[str, str]) -> dict[str, Any]:
 
 
 def as_learnt(game: str, policy: TrainedPolicy) -> dict[str, str]:
-    """Returns the fields of the config of the game that a policy learnt, as texts.
+    """Returns the fields of the config of the game that a policy learnt, as texts; see `recorded_plain`.
 
     Raises:
         ValueError: a policy of another game.
@@ -151,7 +151,11 @@ def as_learnt(game: str, policy: TrainedPolicy) -> dict[str, str]:
     learnt = policy.game or {"game": "an environment of one's own", "config": {}}
     if not is_same_game(learnt["game"], game):
         raise ValueError(f"policy: got one of {learnt['game']}, to play {game}; takes one of the same game")
-    return texts_of(learnt["config"])
+    config = maax.config_of(game)
+    fields = recorded_plain(config, learnt)
+    # Of a group that is None by default its own fields alone would say nothing.
+    groups = {name: "True" for name, value in fields.items() if inner_config(type(config), name) and value}
+    return groups | texts_of({name: with_tuples(value) for name, value in flat(fields).items()})
 
 
 def report(result: Mapping[str, Any], as_json: bool, lines: str) -> None:

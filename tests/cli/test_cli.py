@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from importlib import metadata
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -23,12 +24,13 @@ import maax_mjx as maax
 from maax_mjx import training
 from maax_mjx.benchmarks import BENCHMARKS
 from maax_mjx.cli import COMMANDS, main, saved
-from maax_mjx.cli.options import apart, split_overrides
+from maax_mjx.cli.options import apart, as_learnt, config_with, split_overrides
 from maax_mjx.cli.saved import load
 from maax_mjx.cli.worlds import parse_placement
 from maax_mjx.common.options import number_of, value_of
-from maax_mjx.core.identity import about_game
+from maax_mjx.core.identity import about_game, difference
 from maax_mjx.parallel.recording import read, write
+from maax_mjx.tasks.config import inner_config
 from maax_mjx.training.run import NotFiniteError
 
 
@@ -90,6 +92,18 @@ def test_a_rollout_keeps_its_game_when_a_default_changes(played, tmp_path):
     # The command's own file has them.
     meta, _ = read(played[0] / "rollout.npz", saved.TAKES)
     assert meta["about"]["defaults"]["horizon"] == maax.config_of("hide_and_seek").horizon
+
+
+def test_a_policy_is_played_in_the_game_that_it_learnt():
+    """With a group of fields that is None by default, and with the defaults of then."""
+    grab = inner_config(type(maax.config_of("hide_and_seek")), "grab")(radius=0.5)
+    about = about_game(maax.make("hide_and_seek", impl="c", n_boxes=(1, 2), grab=grab).made)
+    about["defaults"]["horizon"] = 33
+    texts = as_learnt("hide_and_seek", SimpleNamespace(game=about))
+    env = maax.make("hide_and_seek", config_with("hide_and_seek", "c", texts))
+    assert maax.config_of(env).n_boxes == (1, 2), "a field of a config of one's own may take tuples alone"
+    assert not difference(about, about_game(env.made))
+    assert (maax.config_of(env).grab.radius, env.base.horizon, env.base.modules["box"].n_max) == (0.5, 33, 2)
 
 
 def test_a_run_that_is_never_finite_ends_in_one_sentence(monkeypatch, capsys):
