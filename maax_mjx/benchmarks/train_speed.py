@@ -25,6 +25,7 @@ from maax_mjx.benchmarks.bench import Impl, Options, benchmark
 from maax_mjx.benchmarks.record import Measured
 from maax_mjx.benchmarks.stepping import draw_actions, env_roll
 from maax_mjx.common.annotated import OneOf, PositiveCount
+from maax_mjx.training.begin import taken_over
 from maax_mjx.training.collect import Remembered, collect
 from maax_mjx.training.config import PRESETS, TrainConfig
 from maax_mjx.training.learner import compile_iteration, new_learner
@@ -50,7 +51,8 @@ class Config(Options):
         minibatches: updates per epoch.
         microbatches: parts of a minibatch, one after another.
         preset: the other settings.
-        policy: a trained policy, or the folder of a run, to play and train on with; its networks decide the encoder.
+        policy: a trained policy, by name or file, or the folder of its run, to play and train on with; its networks
+            decide the encoder and the memory.
         turns: timed turns of `ppo.unroll` steps.
     """
 
@@ -72,7 +74,11 @@ class Config(Options):
 
 @dataclass(frozen=True)
 class Case:
-    """One measurement; the settings of networks and updates are "" and 0 where the part has none."""
+    """One measurement; the settings of networks and updates are "" and 0 where the part has none.
+
+    Attributes:
+        policy: the one that plays, as it was given; "" for untrained networks.
+    """
 
     env: str
     impl: str
@@ -86,6 +92,7 @@ class Case:
     turns: int
     devices: int = field(default=1, kw_only=True)
     microbatches: int = field(default=1, kw_only=True)
+    policy: str = field(default="", kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -112,19 +119,23 @@ class Row(Case, Measured):
 def cases(config: Config) -> Iterator[Case]:
     """Cases, those of one batch after another; what a part does not have is not varied."""
     seen = set()
+    encoders, cores, policy = config.encoder, config.core, ""
+    if config.policy is not None:
+        learnt, policy = training.Policy.load(config.policy).network.net, str(config.policy)
+        encoders, cores = (learnt.encoder,), (learnt.core,)
     for env, impl, n, devices in product(config.env, config.impl, config.worlds, config.devices):
-        varied = (config.encoder, config.core, config.compute, config.epochs, config.minibatches, config.microbatches)
+        varied = (encoders, cores, config.compute, config.epochs, config.minibatches, config.microbatches)
         nets = product(*varied)
         for net, part in product(list(nets), config.part):
             encoder, core, compute, epochs, minibatches, microbatches = net
             settings = (encoder, core, compute, epochs, minibatches, config.turns)
-            case = Case(env, impl, n, part, *settings, devices=devices, microbatches=microbatches)
+            case = Case(env, impl, n, part, *settings, devices=devices, microbatches=microbatches, policy=policy)
             if part == "env" and devices > 1:
                 continue
             if part != "train":
                 case = replace(case, epochs=0, minibatches=0, microbatches=1)
             if part == "env":
-                case = replace(case, encoder="", core="", compute="")
+                case = replace(case, encoder="", core="", compute="", policy="")
             if case not in seen:
                 seen.add(case)
                 yield case
@@ -214,13 +225,13 @@ def trained(worlds: maax.Worlds, config: TrainConfig, policy: Path | None) -> tu
 
 
 def networks(worlds: maax.Worlds, config: TrainConfig, policy: Path | None) -> tuple[Network, Any]:
-    """The networks and their weights, untrained without a policy."""
+    """The networks and their weights, untrained without a policy; a critic that it lacks is untrained."""
     if policy is None:
         network = Network.of(worlds.env, config.net)
         return network, network.draw(jax.random.key(1))
     found = training.Policy.load(policy).on(worlds.env)
     network = replace(found.network, net=replace(found.network.net, compute=config.net.compute))
-    return network, jax.tree.map(jnp.array, found.params)
+    return network, taken_over(found, network, jax.random.key(1))
 
 
 def begun(worlds: maax.Worlds, network: Network) -> tuple[Any, Any]:

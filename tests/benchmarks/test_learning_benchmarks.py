@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from helpers import toys
@@ -34,6 +35,16 @@ def test_what_a_part_does_not_have_is_not_varied():
         ("env", "", 0), ("play", "flat", 0), ("train", "flat", 1), ("train", "flat", 2), ("play", "pool", 0),
         ("train", "pool", 1), ("train", "pool", 2),
     ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_train_speed_of_a_policy_without_a_critic(run, folder):
+    """Its networks are timed, with a critic that is drawn; rows of it are others than those of untrained networks."""
+    policy = "tag/trained"
+    options = {"env": ("tag",), "impl": ("c",), "worlds": (16,), "turns": 1, "part": ("train",), "epochs": (1,)}
+    rows = run(train_speed, folder / "train_policy_cpu.json", **options, encoder=("flat",), policy=Path(policy))
+    net = training.Policy.load(policy).network.net
+    assert [(row["policy"], row["encoder"], row["core"]) for row in rows] == [(policy, net.encoder, net.core)]
 
 
 @pytest.mark.slow
