@@ -6,7 +6,7 @@ Opponents that cannot play a policy's game, such as those of another game, are l
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 from maax_mjx import training
@@ -41,11 +41,15 @@ class Case:
         policy: the policy.
         against: the opponent.
         team: the policy's team.
+        steps: env steps of the policy's training.
+        against_steps: of the opponent's; 0 if it is a script or the policy itself.
     """
 
     policy: str
     against: str
     team: str
+    steps: int
+    against_steps: int = field(default=0, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -53,14 +57,12 @@ class Row(Case, Measured):
     """How a match ended; pairs are a mean and half the width of its 95 % interval.
 
     Attributes:
-        steps: env steps of the policy's training.
         episodes: of the match.
         score: return of an agent of the team.
         won: share of the episodes in which the team had a higher return than the others, ties as half.
         numbers: the game's numbers at the end, by name.
     """
 
-    steps: int
     episodes: int
     score: tuple[float, float]
     won: tuple[float, float]
@@ -70,15 +72,17 @@ class Row(Case, Measured):
 def cases(config: Config) -> Iterator[Case]:
     """Cases, all matches of one policy before the next."""
     for name in config.policies:
-        env = _policy(name).make_env(impl=config.impl)
+        env, steps = _policy(name).make_env(impl=config.impl), _policy(name).steps
         for against in config.against:
+            theirs = 0
             if against != SELF:
                 opponent = training.player_of("against", against)
                 try:
                     seated(opponent, env)
                 except ValueError:
                     continue
-            yield from (Case(name, against, team) for team in env.teams)
+                theirs = opponent.steps if isinstance(opponent, training.TrainedPolicy) else 0
+            yield from (Case(name, against, team, steps, against_steps=theirs) for team in env.teams)
 
 
 @lru_cache(maxsize=8)
@@ -100,7 +104,6 @@ def measure(case: Case, config: Config) -> Row:
     match = _played(case.policy, case.against, config.episodes, config.impl).of(case.team, case.against)
     return Row(
         **vars(case),
-        steps=_policy(case.policy).steps,
         episodes=match.episodes,
         score=(round(match.score.mean, 3), round(match.score.margin, 3)),
         won=(round(match.won.mean, 4), round(match.won.margin, 4)),

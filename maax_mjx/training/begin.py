@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from maax_mjx.common.checks import check_choice, described
 from maax_mjx.core.env import Environment, check_environment
@@ -159,7 +161,7 @@ def preset_in(folder: str | Path) -> str:
 
 
 def taken_over(policy: Policy, network: Network, key: jax.Array, *, transfer: bool = False) -> Weights:
-    """Returns the weights of a policy for another run; a critic that it lacks is drawn.
+    """Returns the weights of a policy for another run; a critic that it lacks, or that does not fit, is drawn.
 
     Args:
         policy: the policy.
@@ -187,10 +189,36 @@ def taken_over(policy: Policy, network: Network, key: jax.Array, *, transfer: bo
         check_fits(mine, network)
     except ValueError as error:
         raise ValueError(f"{error}, or transfer=True (--transfer)") from None
-    same = jax.tree.map(jnp.shape, policy.params.critic) == jax.tree.map(jnp.shape, drawn.critic)
-    critic = policy.params.critic if same else drawn.critic
+    critic = policy.params.critic if _critic_fits(policy, drawn) else drawn.critic
     # In memory of their own, since they are donated.
     return jax.tree.map(jnp.array, policy.params.replace(critic=critic))
+
+
+def _critic_fits(policy: Policy, drawn: Weights) -> bool:
+    mine, theirs = (jax.tree.map(lambda x: x.shape, weights.critic) for weights in (policy.params, drawn))
+    return mine == theirs
+
+
+def critic_left(policy: Policy, network: Network) -> str:
+    """Says that a run without `transfer` leaves the critic of the policy that it begins with; empty if it does not.
+
+    Args:
+        policy: the policy.
+        network: the run's networks.
+    """
+    if not policy.params.critic or _critic_fits(policy, jax.eval_shape(network.draw, jax.random.key(0))):
+        return ""
+    were, are = ({part.name: part.columns for part in spec.critic} for spec in (policy.network.spec, network.spec))
+    names = [name for name in dict.fromkeys((*were, *are)) if were.get(name) != are.get(name)]
+    return f"the policy's critic reads other columns of {', '.join(names)}: the run begins with a new one"
+
+
+def begun_with(policy: Policy, transfer: bool) -> dict[str, Any]:
+    """Returns what a run notes of the policy that it begins with, by which another one is told from it."""
+    # In the order of their names, which differs between drawn and loaded parameters.
+    leaves = sorted(jax.tree_util.tree_leaves_with_path(policy.params.actor), key=lambda leaf: str(leaf[0]))
+    digest = sha256(b"".join(np.asarray(x, np.float32).tobytes() for _, x in leaves)).hexdigest()[:16]
+    return {"game": policy.game, "steps": policy.steps, "transfer": transfer, "digest": digest}
 
 
 def check_same(folder: Folder, about: Mapping[str, Any]) -> None:
@@ -223,11 +251,15 @@ def check_begun(folder: Folder, begun_from: Mapping[str, Any] | None) -> None:
     was, now = about["begun_from"], json.loads(json.dumps(begun_from))
     if was and was == {name: now.get(name) for name in was}:  # "transfer" was not always noted
         return
-    other = f"another one, of {was['steps']:,} steps" if was else "none"
+    other = f"another one, of {was['steps']:,} steps{_with_transfer(was)}" if was else "none"
     raise ValueError(
-        f"begin_from (--from): got a policy of {now['steps']:,} steps for {folder.path}, whose run began with {other}; "
-        "takes a new folder, or leave it out to go on"
+        f"begin_from (--from): got a policy of {now['steps']:,} steps{_with_transfer(now)} for {folder.path}, whose "
+        f"run began with {other}; takes a new folder, or leave it out to go on"
     )
+
+
+def _with_transfer(begun: Mapping[str, Any]) -> str:
+    return " by transfer" if begun.get("transfer") else ""
 
 
 def changed_settings(was: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

@@ -159,5 +159,8 @@ def intervened(policy: TrainedPolicy, name: str, **overrides: Any) -> Environmen
     fields: dict[str, Any] = {**overrides, "tools": True}
     if name == "no_ramps":
         made = check_trained(policy).make_env(**overrides).made_from
-        fields["n_ramps"] = (0, int(np.max(made.config.n_ramps if made else 1)))
+        ramps = int(np.max(made.config.n_ramps if made else 1))
+        if ramps == 0:
+            raise ValueError("name: got 'no_ramps' for a game with n_ramps=0; takes one with ramps")
+        fields["n_ramps"] = (0, ramps)
     return policy.make_env(**{**fields, side: {**(fields.get(side) or {}), "TrackTools": wrap}})

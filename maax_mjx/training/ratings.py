@@ -55,7 +55,8 @@ class Rating(NamedTuple):
 def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
     """Rates players by the likeliest log-odds of winning: the difference of their ratings and that of their teams.
 
-    Teams have ratings of their own, since a game can be easier for hiders than for seekers (Bradley and Terry 1952).
+    Teams have ratings of their own, since a game can be easier for hiders than for seekers (Bradley and Terry 1952), if
+    there are results of more than one.
     Draws count as half a win, which makes intervals wider than they need to be.
 
     Args:
@@ -73,12 +74,19 @@ def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
             raise ValueError(
                 f"results: got {described(result)} in it; takes training.Result(player, opponent, team, ...)"
             )
-        if not 0 <= result.won <= 1 or not 0 < result.episodes < np.inf:
+        numbers = [np.asarray(x) for x in (result.won, result.episodes)]
+        if (
+            any(x.shape or x.dtype.kind not in "iuf" for x in numbers)
+            or not 0 <= result.won <= 1
+            or not 0 < result.episodes < np.inf
+        ):
             raise ValueError(f"results: got {result}; takes won in [0, 1], and episodes from 1 on")
     players = sorted({name for result in results for name in (result.player, result.opponent)})
     if zero not in players:
         raise ValueError(f"zero: got {zero!r}; takes one of {players}")
     others, teams = [name for name in players if name != zero], sorted({result.team for result in results})
+    # What a team is worth shows only beside another; of one alone it would take half of what its players won.
+    teams = teams if len(teams) > 1 else []
     column = {name: i for i, name in enumerate(others)}
     which = np.zeros((len(results), len(others) + len(teams)))
     for row, result in zip(which, results, strict=True):
@@ -86,8 +94,9 @@ def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
             if name in column:
                 row[column[name]] += sign
         # The opponent plays the other teams: what is easier for one side is harder for the other.
-        row[len(others) :] = -1.0 / max(len(teams) - 1, 1)
-        row[len(others) + teams.index(result.team)] = 1.0
+        if teams:
+            row[len(others) :] = -1.0 / (len(teams) - 1)
+            row[len(others) + teams.index(result.team)] = 1.0
     won = np.array([result.won for result in results])
     n = np.array([result.episodes for result in results], float)
     precision = (POINTS / SPREAD) ** 2

@@ -24,9 +24,11 @@ from maax_mjx.parallel import Checkpoints, Worlds
 from maax_mjx.parallel.processes import any_process
 from maax_mjx.parallel.shards import Devices
 from maax_mjx.training.begin import (
+    begun_with,
     changed_settings,
     check_begun,
     check_same,
+    critic_left,
     environment_of,
     game_fields,
     preset_in,
@@ -134,7 +136,7 @@ class Trainer:
         )
         self.learner = new_learner(weights, self.config)
         self.memory: Any = None
-        self.changed = ""
+        self.changed = self._critic_left = ""
         self._change: dict[str, Any] | None = None
         # After all that is refused, so that a refusal leaves no folder behind.
         self.folder = Folder(folder, self.config.tensorboard)
@@ -151,13 +153,15 @@ class Trainer:
             "settings": settings,
             "conditions": conditions(),
         }
-        begun_from = {"game": begin_from.game, "steps": begin_from.steps, "transfer": transfer} if begin_from else None
+        begun_from = begun_with(begin_from, transfer) if begin_from else None
         if self.folder.found:
             check_same(self.folder, about)
             check_begun(self.folder, begun_from)
             self._restore()
             self._compare(about)
         else:
+            if begin_from is not None and not transfer:
+                self._critic_left = critic_left(begin_from, self.network)
             self.folder.describe(about | {"begun_from": begun_from})
             self._keep_past()
         if self.memory is None:
@@ -190,8 +194,8 @@ class Trainer:
 
     @property
     def news(self) -> tuple[str, ...]:
-        """What is other than it was where the run goes on, in sentences without a full stop."""
-        told = []
+        """What is other than one may think where the run begins or goes on, in sentences without a full stop."""
+        told = [self._critic_left] if self._critic_left else []
         if self.changed:
             told.append(f"the run goes on with {self.changed}")
         if self.goes_on_in_new_worlds:

@@ -78,7 +78,17 @@ def _rows(network: Network, critic: bool) -> dict[str, Rows]:
 
 
 def _columns(parts: Sequence[Part]) -> Rows:
-    return [(part.name, column) for part in parts for column in part.columns]
+    return [(part.name, name) for part in parts for name in _names(part)]
+
+
+def _names(part: Part) -> Sequence[str]:
+    """Names of an array's columns, by which those of another game are found.
+
+    Numbers of a plain array with several axes, such as who sees whom, are counted through: in an array of another size
+    the same count is another number.
+    """
+    counted = part.axes > 1 and part.columns[:1] == (f"{part.name} 0",)
+    return [f"{column} of {len(part.columns)}" for column in part.columns] if counted else part.columns
 
 
 def _by_row(was: jax.Array, names_were: Rows, names_are: Rows, new: float | jax.Array = 0.0) -> jax.Array:

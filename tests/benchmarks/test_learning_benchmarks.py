@@ -116,7 +116,13 @@ def test_a_policy_is_played_in_its_game_with_other_values(folder):
 
 def test_opponents_that_cannot_play_a_game_are_left_out_and_unknown_ones_refused():
     config = matches.Config(policies=("tag/trained",), against=("tag", "capture_the_flag", "quadrant/forts"), impl="c")
-    assert [(case.against, case.team) for case in matches.cases(config)] == [("tag", "players")]
+    (case,) = matches.cases(config)
+    assert (case.against, case.team, case.against_steps) == ("tag", "players", 0)
+    # Rows of a policy that has learnt on since are others.
+    assert case.steps == training.Policy.load("tag/trained").steps
+    quadrant = matches.Config(policies=("quadrant/forts",), against=("quadrant/chase", "self"), impl="c")
+    steps = [(case.against, case.against_steps) for case in matches.cases(quadrant) if case.team == "hiders"]
+    assert steps == [("quadrant/chase", training.Policy.load("quadrant/chase").steps), ("self", 0)]
     with pytest.raises(ValueError, match="against: got 'tagg'"):
         list(matches.cases(replace(config, against=("tagg",))))
 

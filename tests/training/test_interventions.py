@@ -140,6 +140,11 @@ def test_a_game_with_wrappers_of_ones_own_is_taken_from_as_well(policy):
         training.intervened(policy, "seekers_blind", tools=False)
 
 
+def test_what_is_not_there_is_not_taken_away(policy):
+    with pytest.raises(ValueError, match="name: got 'no_ramps' for a game with n_ramps=0; takes one with ramps"):
+        training.intervened(policy, "no_ramps", n_ramps=0)
+
+
 def test_an_unknown_intervention_is_refused(policy):
     with pytest.raises(ValueError, match=r"name: got 'no_ramp'.*no_ramps"):
         training.intervened(policy, "no_ramp")

@@ -47,6 +47,12 @@ def test_the_best_is_first_and_ten_wins_a_loss_are_400_points():
     assert found["other"].points == pytest.approx(-400, abs=2)
 
 
+def test_one_team_alone_takes_nothing_of_what_its_players_won():
+    found = rate([Result("self", "other", "hiders", 10 / 11, 100_000)], "other")
+    assert found["self"].points == pytest.approx(400, abs=2)
+    assert found["self"].margin < 10
+
+
 def test_who_never_wins_has_a_rating():
     found = rate([Result("self", "other", team, 1.0, 1000) for team in SIDES], "self")
     assert -6000 < found["other"].points < -800
@@ -55,7 +61,7 @@ def test_who_never_wins_has_a_rating():
         rate([Result("self", "other", "hiders", 0.5, 10)], "me")
     with pytest.raises(ValueError, match=r"results: got tuple in it; takes training\.Result"):
         rate([("self", "other", "hiders", 0.5, 10)], "self")
-    for won, episodes in ((1.7, 100), (float("nan"), 100), (0.5, 0), (0.5, -3)):
+    for won, episodes in ((1.7, 100), (float("nan"), 100), (0.5, 0), (0.5, -3), ("x", 9), (0.5, True), (None, 9)):
         with pytest.raises(ValueError, match=r"results: got Result\(.*\); takes won in \[0, 1\], and episodes from 1"):
             rate([Result("self", "other", "hiders", won, episodes)], "self")
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from helpers import toys
+from helpers import seeds, toys
 from tensorboardX.proto.event_pb2 import Event, SessionLog
 
 import maax_mjx as maax
 from maax_mjx import training
-from maax_mjx.training.begin import check_begun, environment_of, game_fields
+from maax_mjx.training.begin import begun_with, check_begun, environment_of, game_fields
 from maax_mjx.training.board import Board
 from maax_mjx.training.folder import Folder
 from maax_mjx.training.network import Network
@@ -522,6 +522,16 @@ def test_a_policy_to_begin_with_is_the_one_that_a_run_began_with(run, tmp_path):
         else:
             check_begun(folder, other)
         check_begun(folder, None)
+    # Of the same number of steps, as seeds of a sweep are.
+    network = run[1].policy.network
+    mine, others = (begun_with(training.Policy(network, network.draw(seeds.key(i)), steps=7), False) for i in range(2))
+    folder = Folder(tmp_path / "digest")
+    folder.describe({"begun_from": mine})
+    check_begun(folder, mine)
+    with pytest.raises(ValueError, match=r"got a policy of 7 steps for .* began with another one, of 7 steps; takes"):
+        check_begun(folder, others)
+    with pytest.raises(ValueError, match=r"got a policy of 7 steps by transfer for .* began with another one, of 7 st"):
+        check_begun(folder, mine | {"transfer": True})
     old = Folder(tmp_path / "old")
     old.describe({"game": None})
     check_begun(old, other)  # runs of before it was noted

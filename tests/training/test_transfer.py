@@ -12,10 +12,11 @@ from helpers import seeds, toys
 
 from maax_mjx import training
 from maax_mjx.training.actions import Head
+from maax_mjx.training.begin import critic_left, taken_over
 from maax_mjx.training.config import NetConfig
 from maax_mjx.training.network import Moments, Network
 from maax_mjx.training.spec import Kind, Part, Spec
-from maax_mjx.training.transfer import transferred
+from maax_mjx.training.transfer import _rows, transferred
 
 T, N = 4, 3
 GROUP = "agents"
@@ -138,6 +139,41 @@ def test_moments_go_with_their_columns():
     # What is new has a mean of 0 and a variance of 1.
     np.testing.assert_array_equal(now.mean["entities mark"], 0)
     np.testing.assert_array_equal(now.square["entities mark"] / now.weight, 1)
+
+
+def counted(name, n):
+    """A plain array of n by n numbers."""
+    return Part(name, 2, tuple(f"{name} {i}" for i in range(n * n)), (1.0,) * n * n, (False,) * n * n)
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_numbers_that_are_counted_through_are_taken_over_in_arrays_of_the_same_size(same):
+    """The fourth of two by two numbers is in another row and column than the fourth of three by three."""
+    old, new = networks()
+    old = replace(old, spec=replace(OLD, critic=(counted("who", 2),)))
+    new = replace(new, spec=replace(NEW, critic=(counted("who", 2 if same else 3),)))
+    was, fresh = drawn(old, 1), drawn(new, 2)
+    kernel = transferred(was, old, new, fresh).critic[GROUP]["embed own"]["kernel"]
+    rows = [i for i, (name, _) in enumerate(_rows(new, critic=True)["embed own"]) if name == "who"]
+    known = [i for i, (name, _) in enumerate(_rows(old, critic=True)["embed own"]) if name == "who"]
+    expected = was.critic[GROUP]["embed own"]["kernel"][np.array(known)] if same else 0.0
+    np.testing.assert_array_equal(np.broadcast_to(expected, (len(rows), 8)), kernel[np.array(rows)])
+
+
+def test_a_critic_that_does_not_fit_is_told():
+    """Without `transfer` a new one is drawn, where only critics read other columns."""
+    old, _ = networks()
+    wider = replace(old, spec=replace(OLD, critic=(*OLD.critic, counted("who", 2))))
+    policy = training.Policy(old, drawn(old, 1))
+    assert critic_left(policy, old) == ""
+    assert critic_left(policy, wider) == (
+        "the policy's critic reads other columns of who: the run begins with a new one"
+    )
+    weights = taken_over(policy, wider, seeds.key(3))
+    jax.tree.map(np.testing.assert_array_equal, weights.actor, policy.params.actor)
+    jax.tree.map(np.testing.assert_array_equal, weights.critic, wider.draw(seeds.key(3)).critic)
+    without = training.Policy(old, policy.params.replace(critic={}))
+    assert critic_left(without, wider) == ""
 
 
 def test_other_teams_are_refused():

@@ -201,6 +201,16 @@ def test_discrete_actions(touching):
     assert jnp.isfinite(state.data.qpos).all()
 
 
+def test_an_action_that_lacks_a_part_is_refused(touching):
+    class Renamed(maax.ActionWrapper):
+        def action(self, state, action):
+            return {"moves": action["move"]}
+
+    env = Renamed(touching)
+    with pytest.raises(ValueError, match=r"action: Renamed returned an action without 'move'; takes all of .*'move'"):
+        env.step(env.state_shape, jax.jit(env.sample_action)(seeds.key(0)))
+
+
 def test_split_spoof_join_flatten(touching):
     """Every array of the split observations, against the circulant order written out."""
     split = maax.SplitObservations(touching)
