@@ -189,14 +189,15 @@ def taken_over(policy: Policy, network: Network, key: jax.Array, *, transfer: bo
         check_fits(mine, network)
     except ValueError as error:
         raise ValueError(f"{error}, or transfer=True (--transfer)") from None
-    critic = policy.params.critic if _critic_fits(policy, drawn) else drawn.critic
+    critic = policy.params.critic if policy.params.critic and not _read_otherwise(mine, network) else drawn.critic
     # In memory of their own, since they are donated.
     return jax.tree.map(jnp.array, policy.params.replace(critic=critic))
 
 
-def _critic_fits(policy: Policy, drawn: Weights) -> bool:
-    mine, theirs = (jax.tree.map(lambda x: x.shape, weights.critic) for weights in (policy.params, drawn))
-    return mine == theirs
+def _read_otherwise(mine: Network, network: Network) -> list[str]:
+    """Returns the names of arrays of which only critics read, and theirs read other columns."""
+    were, are = ({part.name: part.columns for part in net.spec.critic} for net in (mine, network))
+    return [name for name in dict.fromkeys((*were, *are)) if were.get(name) != are.get(name)]
 
 
 def critic_left(policy: Policy, network: Network) -> str:
@@ -206,10 +207,9 @@ def critic_left(policy: Policy, network: Network) -> str:
         policy: the policy.
         network: the run's networks.
     """
-    if not policy.params.critic or _critic_fits(policy, jax.eval_shape(network.draw, jax.random.key(0))):
+    names = _read_otherwise(policy.network, network)
+    if not policy.params.critic or not names:
         return ""
-    were, are = ({part.name: part.columns for part in spec.critic} for spec in (policy.network.spec, network.spec))
-    names = [name for name in dict.fromkeys((*were, *are)) if were.get(name) != are.get(name)]
     return f"the policy's critic reads other columns of {', '.join(names)}: the run begins with a new one"
 
 

@@ -172,6 +172,11 @@ def test_a_critic_that_does_not_fit_is_told():
     weights = taken_over(policy, wider, seeds.key(3))
     jax.tree.map(np.testing.assert_array_equal, weights.actor, policy.params.actor)
     jax.tree.map(np.testing.assert_array_equal, weights.critic, wider.draw(seeds.key(3)).critic)
+    # As many columns, of something else.
+    other = replace(old, spec=replace(OLD, critic=(part("clock", "left"),)))
+    assert critic_left(policy, other).startswith("the policy's critic reads other columns of time, clock: ")
+    fresh = taken_over(policy, other, seeds.key(3)).critic
+    jax.tree.map(np.testing.assert_array_equal, fresh, other.draw(seeds.key(3)).critic)
     without = training.Policy(old, policy.params.replace(critic={}))
     assert critic_left(without, wider) == ""
 
