@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from maax_mjx.core.env import Environment
 from maax_mjx.tasks import config_of, make
+from maax_mjx.tasks.brought import is_in_a_file
 from maax_mjx.tasks.config import recorded_fields
 
 
@@ -60,6 +61,8 @@ class TrainedPolicy(ABC):
         try:
             config = config_of(self.game["game"])
         except ValueError as error:
+            if is_in_a_file(self.game["game"]):  # which says that there is no such file here
+                raise
             raise ValueError(
                 f"{error}; of a game in a file of one's own, import the file first, or train it by its file's name, "
                 f"my_game.py:{self.game['game']}"

@@ -87,6 +87,18 @@ def test_unknown_names_are_refused_with_the_known_ones(name):
         training.player_of("against", name)
 
 
+def test_games_of_ones_own_are_made_where_their_file_is():
+    policy = training.Policy.load("tag/trained")
+    policy.game = {"game": "not_here.py:football", "config": {}}
+    with pytest.raises(ValueError, match=r"'not_here\.py:football', and there is no file .*, from this folder$"):
+        policy.make_env()
+    policy.game = {"game": "football", "config": {}}
+    with pytest.raises(
+        ValueError, match=r"import the file first, or train it by its file's name, my_game\.py:football$"
+    ):
+        policy.make_env()
+
+
 def test_the_nearest_name_is_suggested():
     with pytest.raises(ValueError, match=r"which is not there \(did you mean 'quadrant/forts'\?\); takes"):
         training.Policy.load("quadrant/fort")
