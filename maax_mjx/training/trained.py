@@ -7,8 +7,7 @@ from collections.abc import Callable
 from typing import Any, Self
 
 from maax_mjx.core.env import Environment
-from maax_mjx.tasks import config_of, make
-from maax_mjx.tasks.brought import is_in_a_file
+from maax_mjx.tasks import config_of, is_in_a_file, make
 from maax_mjx.tasks.config import recorded_fields
 
 
