@@ -232,12 +232,12 @@ class ActionWrapper(Wrapper):
                 f"of {sorted(self.env.action_space.spaces)}"
             )
         for name, space in self.env.action_space.spaces.items():
-            if name not in inner:
+            if name not in inner and name in action:
                 raise ValueError(
-                    f"action: {type(self).__name__} returned an action without {name!r}; takes all of what it wraps, "
-                    f"{sorted(self.env.action_space.spaces)}"
+                    f"action: {type(self).__name__} returned an action without {name!r}, which it got; takes all of "
+                    f"what it wraps, {sorted(self.env.action_space.spaces)}"
                 )
-            if jnp.shape(inner[name]) != space.shape:
+            if name in inner and jnp.shape(inner[name]) != space.shape:
                 raise ValueError(
                     f"action: {type(self).__name__} returned {name!r} of shape {jnp.shape(inner[name])}; takes "
                     f"{space.shape}, as what it wraps"
