@@ -207,9 +207,7 @@ def test_an_action_that_lacks_a_part_is_refused(touching):
             return {"moves": action["move"]}
 
     env = Renamed(touching)
-    with pytest.raises(
-        ValueError, match=r"action: Renamed returned an action without 'move', which it got; takes .*'move'"
-    ):
+    with pytest.raises(ValueError, match=r"Renamed returned an action without 'move', which it got; takes .*'move'"):
         env.step(env.state_shape, jax.jit(env.sample_action)(seeds.key(0)))
 
 
