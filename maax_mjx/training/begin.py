@@ -189,15 +189,10 @@ def taken_over(policy: Policy, network: Network, key: jax.Array, *, transfer: bo
         check_fits(mine, network)
     except ValueError as error:
         raise ValueError(f"{error}, or transfer=True (--transfer)") from None
-    critic = policy.params.critic if policy.params.critic and not _read_otherwise(mine, network) else drawn.critic
+    keeps = policy.params.critic and not critic_left(policy, network)
+    critic = policy.params.critic if keeps else drawn.critic
     # In memory of their own, since they are donated.
     return jax.tree.map(jnp.array, policy.params.replace(critic=critic))
-
-
-def _read_otherwise(mine: Network, network: Network) -> list[str]:
-    """Returns the names of arrays of which only critics read, and theirs read other columns."""
-    were, are = ({part.name: part.columns for part in net.spec.critic} for net in (mine, network))
-    return [name for name in dict.fromkeys((*were, *are)) if were.get(name) != are.get(name)]
 
 
 def critic_left(policy: Policy, network: Network) -> str:
@@ -207,7 +202,8 @@ def critic_left(policy: Policy, network: Network) -> str:
         policy: the policy.
         network: the run's networks.
     """
-    names = _read_otherwise(policy.network, network)
+    were, are = ({part.name: part.columns for part in net.spec.critic} for net in (policy.network, network))
+    names = [name for name in dict.fromkeys((*were, *are)) if were.get(name) != are.get(name)]
     if not policy.params.critic or not names:
         return ""
     return f"the policy's critic reads other columns of {', '.join(names)}: the run begins with a new one"
@@ -215,9 +211,8 @@ def critic_left(policy: Policy, network: Network) -> str:
 
 def begun_with(policy: Policy, transfer: bool) -> dict[str, Any]:
     """Returns what a run notes of the policy that it begins with, by which another one is told from it."""
-    # In the order of their names, which differs between drawn and loaded parameters.
-    leaves = sorted(jax.tree_util.tree_leaves_with_path(policy.params.actor), key=lambda leaf: str(leaf[0]))
-    digest = sha256(b"".join(np.asarray(x, np.float32).tobytes() for _, x in leaves)).hexdigest()[:16]
+    leaves = jax.tree.leaves(policy.params.actor)
+    digest = sha256(b"".join(np.asarray(x, np.float32).tobytes() for x in leaves)).hexdigest()[:16]
     return {"game": policy.game, "steps": policy.steps, "transfer": transfer, "digest": digest}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
+from maax_mjx.common.annotated import is_number
 from maax_mjx.common.checks import described
 
 POINTS = 400 / np.log(10)
@@ -74,12 +75,9 @@ def rate(results: Sequence[Result], zero: str) -> dict[str, Rating]:
             raise ValueError(
                 f"results: got {described(result)} in it; takes training.Result(player, opponent, team, ...)"
             )
-        numbers = [np.asarray(x) for x in (result.won, result.episodes)]
-        if (
-            any(x.shape or x.dtype.kind not in "iuf" for x in numbers)
-            or not 0 <= result.won <= 1
-            or not 0 < result.episodes < np.inf
-        ):
+        # Scalars of JAX are numbers as well.
+        numbers = all(is_number(np.asarray(x)[()]) for x in (result.won, result.episodes))
+        if not numbers or not 0 <= result.won <= 1 or not 0 < result.episodes < np.inf:
             raise ValueError(f"results: got {result}; takes won in [0, 1], and episodes from 1 on")
     players = sorted({name for result in results for name in (result.player, result.opponent)})
     if zero not in players:

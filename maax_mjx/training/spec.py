@@ -56,6 +56,11 @@ class Part:
     scales: tuple[float, ...]
     clipped: tuple[bool, ...]
 
+    @property
+    def is_counted(self) -> bool:
+        """Whether its columns are the numbers of a plain array of several axes, counted through."""
+        return self.axes > 1 and self.columns == _counted(self.name, len(self.columns))
+
     def scaled(self, x: jax.Array) -> jax.Array:
         """Returns the array (..., c) in its columns' scales."""
         x = x.astype(jnp.float32) / jnp.asarray(self.scales, jnp.float32)
@@ -213,7 +218,12 @@ def _part(name: str, one: Observed, shape: tuple[int, ...]) -> Part:
     if one.columns and len(one.columns) == n:
         scales, clipped = tuple(c.scale for c in one.columns), tuple(bool(c.unit) for c in one.columns)
         return Part(name, len(shape), one.names(), scales, clipped)
-    return Part(name, len(shape), tuple(f"{name} {i}" for i in range(n)), (1.0,) * n, (False,) * n)
+    return Part(name, len(shape), _counted(name, n), (1.0,) * n, (False,) * n)
+
+
+def _counted(name: str, n: int) -> tuple[str, ...]:
+    """Returns the names of the numbers of a plain array."""
+    return tuple(f"{name} {i}" for i in range(n))
 
 
 def _kind(name: str, parts: list[Part], table: Mapping[str, Observed], shapes: Mapping[str, Any]) -> Kind:

@@ -84,11 +84,9 @@ def _columns(parts: Sequence[Part]) -> Rows:
 def _names(part: Part) -> Sequence[str]:
     """Names of an array's columns, by which those of another game are found.
 
-    Numbers of a plain array with several axes, such as who sees whom, are counted through: in an array of another size
-    the same count is another number.
+    In a counted array of another size, such as who sees whom, the same count is another number.
     """
-    counted = part.axes > 1 and part.columns[:1] == (f"{part.name} 0",)
-    return [f"{column} of {len(part.columns)}" for column in part.columns] if counted else part.columns
+    return [f"{column} of {len(part.columns)}" for column in part.columns] if part.is_counted else part.columns
 
 
 def _by_row(was: jax.Array, names_were: Rows, names_are: Rows, new: float | jax.Array = 0.0) -> jax.Array:

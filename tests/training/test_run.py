@@ -528,6 +528,8 @@ def test_a_policy_to_begin_with_is_the_one_that_a_run_began_with(run, tmp_path):
     folder = Folder(tmp_path / "digest")
     folder.describe({"begun_from": mine})
     check_begun(folder, mine)
+    training.Policy(network, network.draw(seeds.key(0)), steps=7).save(tmp_path / "mine")
+    check_begun(folder, begun_with(training.Policy.load(tmp_path / "mine"), False))
     with pytest.raises(ValueError, match=r"got a policy of 7 steps for .* began with another one, of 7 steps; takes"):
         check_begun(folder, others)
     with pytest.raises(ValueError, match=r"got a policy of 7 steps by transfer for .* began with another one, of 7 st"):
